@@ -1,7 +1,7 @@
 //! Identity of vehicles, of their agents' restarts, and of the swarm.
 
 use std::fmt;
-use std::num::NonZeroU8;
+use std::num::{NonZeroU8, NonZeroU16};
 
 use serde::{Deserialize, Serialize};
 
@@ -67,6 +67,119 @@ impl std::str::FromStr for VehicleId {
 impl fmt::Display for VehicleId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.0)
+    }
+}
+
+/// Number of a team in its fleet, 1 to 4096.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(try_from = "u16", into = "u16")]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct TeamId(NonZeroU16);
+
+/// A number that cannot be a team's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("teams are numbered 1 to 4096, not {0}")]
+pub struct InvalidTeamId(pub u64);
+
+impl TeamId {
+    /// The largest number of a team.
+    pub const MAX: u16 = 4096;
+    /// Team 1.
+    pub const FIRST: Self = Self(NonZeroU16::MIN);
+
+    /// The team with this number.
+    ///
+    /// # Errors
+    /// If the number is not 1 to 4096.
+    pub fn new(number: u16) -> Result<Self, InvalidTeamId> {
+        match NonZeroU16::new(number) {
+            Some(id) if number <= Self::MAX => Ok(Self(id)),
+            _ => Err(InvalidTeamId(number.into())),
+        }
+    }
+
+    /// Teams 1 to `count` in order, at most [`TeamId::MAX`] of them.
+    pub fn first(count: usize) -> impl Iterator<Item = Self> + Clone {
+        (1..=count.min(Self::MAX.into()) as u16).filter_map(NonZeroU16::new).map(Self)
+    }
+
+    /// The number.
+    pub const fn get(self) -> u16 {
+        self.0.get()
+    }
+
+    /// The seed of this team in a run of the fleet with this seed: the teams of a fleet, and one team in runs with
+    /// different seeds, have different ones.
+    pub fn seed(self, fleet: u64) -> u64 {
+        // The output function of SplitMix64 (Steele, Lea & Flood 2014), without the sign bit: a seed is a TOML integer.
+        let mixed = fleet.wrapping_add(u64::from(self.get()).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (mixed ^ (mixed >> 31)) >> 1
+    }
+}
+
+impl TryFrom<u16> for TeamId {
+    type Error = InvalidTeamId;
+    fn try_from(number: u16) -> Result<Self, InvalidTeamId> {
+        Self::new(number)
+    }
+}
+
+impl From<TeamId> for u16 {
+    fn from(id: TeamId) -> u16 {
+        id.get()
+    }
+}
+
+impl std::str::FromStr for TeamId {
+    type Err = InvalidTeamId;
+    fn from_str(text: &str) -> Result<Self, InvalidTeamId> {
+        let number: u64 = text.parse().map_err(|_| InvalidTeamId(0))?;
+        Self::new(u16::try_from(number).map_err(|_| InvalidTeamId(number))?)
+    }
+}
+
+impl fmt::Display for TeamId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+/// A vehicle of a fleet, written `<team>/<vehicle>`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FleetVehicle {
+    /// Its team.
+    pub team: TeamId,
+    /// Its id in the team.
+    pub vehicle: VehicleId,
+}
+
+/// A text that does not name a vehicle of a fleet.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum InvalidFleetVehicle {
+    /// The form is wrong.
+    #[error("a vehicle of a fleet is written TEAM/VEHICLE, such as 3/7")]
+    Form,
+    /// The team's number is wrong.
+    #[error(transparent)]
+    Team(#[from] InvalidTeamId),
+    /// The vehicle's id is wrong.
+    #[error(transparent)]
+    Vehicle(#[from] InvalidVehicleId),
+}
+
+impl std::str::FromStr for FleetVehicle {
+    type Err = InvalidFleetVehicle;
+    fn from_str(text: &str) -> Result<Self, InvalidFleetVehicle> {
+        let (team, vehicle) = text.split_once('/').ok_or(InvalidFleetVehicle::Form)?;
+        Ok(Self { team: team.parse()?, vehicle: vehicle.parse()? })
+    }
+}
+
+impl fmt::Display for FleetVehicle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.team, self.vehicle)
     }
 }
 

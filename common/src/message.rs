@@ -7,6 +7,7 @@
 
 mod clock;
 mod health;
+mod intent;
 mod order;
 mod trace;
 
@@ -20,6 +21,7 @@ use crate::topic::{Author, Topic};
 
 pub use clock::{ClockAnswer, ClockOffset};
 pub use health::{Drops, Health, PeerHealth, Reason, Refused};
+pub use intent::{Area, Intent};
 pub use order::{Order, Signature, Verb};
 pub use trace::{LawNumber, PeerAge, Trace};
 

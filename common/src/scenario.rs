@@ -19,6 +19,7 @@
 mod across;
 mod check;
 mod error;
+mod fleet;
 mod keys;
 mod kind;
 mod law;
@@ -29,9 +30,11 @@ mod shape;
 mod tree;
 mod written;
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 pub use error::ScenarioError;
+pub use fleet::{Described, FLEET_KEYS, load_any};
 pub use keys::{
     Implied, KEYS, Key, Kind, Literal, NEVER_SUGGESTED, Range, matching, most_similar, nearest_of, takes_whole_numbers,
 };
@@ -41,7 +44,7 @@ pub use model::*;
 pub use written::Written;
 
 use layers::Layers;
-use tree::Texts;
+use tree::{Part, Texts};
 
 /// Name and text of a file.
 #[derive(Clone, Copy, Debug)]
@@ -71,18 +74,28 @@ impl Source<'_> {
 /// The first error found: not TOML, an unknown key, a value of the wrong kind or out of its range, or values that
 /// contradict each other.
 pub fn load(source: &Source<'_>, sets: &[String]) -> Result<Loaded, ScenarioError> {
-    let texts = Texts { kind: FileKind::Scenario, keys: KEYS, source, sets };
-    let mut written = texts.parse()?;
+    let texts = Texts { kind: FileKind::Scenario, keys: KEYS, source, sets, part: Part::Whole };
+    let written = texts.parse()?;
     texts.check_kind(&written)?;
-    texts.check_table(&mut written, "")?;
-    for index in 0..sets.len() {
-        texts.set(&mut written, index)?;
-        texts.check_table(&mut written, "")?;
+    if let Some(fleet) = written.at("fleet") {
+        return Err(texts.fault(&fleet.place, "fleet", "this is a fleet of several teams, not one swarm"));
     }
-    shape::check(&texts, &written)?;
-    let layers = Layers::new(&texts, &written)?;
+    finish(&texts, written)
+}
+
+/// Checks the written values and adds the preset and the defaults.
+fn finish(texts: &Texts<'_>, mut written: tree::Node) -> Result<Loaded, ScenarioError> {
+    texts.check_table(&mut written, "")?;
+    for index in 0..texts.sets.len() {
+        if texts.is_for_scenario(index) {
+            texts.set(&mut written, index)?;
+            texts.check_table(&mut written, "")?;
+        }
+    }
+    shape::check(texts, &written)?;
+    let layers = Layers::new(texts, &written)?;
     let scenario = layers.scenario()?;
-    across::check(&texts, &written, &scenario)?;
+    across::check(texts, &written, &scenario)?;
     Ok(Loaded { scenario, notes: layers.notes(), lines: layers.lines() })
 }
 
@@ -145,6 +158,30 @@ impl Loaded {
     /// All keys with their values and origins, in the order of the complete file.
     pub fn explain(&self) -> &[Explained] {
         &self.lines
+    }
+
+    /// Every value as TOML by its key; a list is one value.
+    fn values(&self) -> BTreeMap<String, String> {
+        let mut values: BTreeMap<String, String> = BTreeMap::new();
+        for line in &self.lines {
+            let Some(value) = &line.value else { continue };
+            match line.key.find('[') {
+                None => _ = values.insert(line.key.clone(), value.clone()),
+                Some(end) => {
+                    let list = values.entry(line.key[..end].to_owned()).or_insert_with(|| "[]".to_owned());
+                    let separator = if list == "[]" { "" } else { ", " };
+                    list.replace_range(list.len() - 1.., &format!("{separator}{value}]"));
+                }
+            }
+        }
+        values
+    }
+
+    /// Replaces a value by one that follows from the fleet.
+    fn override_with(&mut self, path: &str, value: toml::Value) {
+        if let Some(line) = self.lines.iter_mut().find(|line| line.key == path) {
+            (line.value, line.origin) = (Some(value.to_string()), Layer::Implied("fleet"));
+        }
     }
 
     /// The complete scenario as a file, with the origin of each value as a comment. Reading it gives the same

@@ -76,6 +76,12 @@ impl Cell {
         let count = |metres: f64| (metres / Self::SIDE_M).floor() as i32;
         Self { x: count(position.north_m()), y: count(position.east_m()) }
     }
+
+    /// This cell and the eight around it.
+    pub fn with_neighbours(self) -> impl Iterator<Item = Self> {
+        let around = |x: i32| (-1..=1).map(move |y| (x, y));
+        (-1..=1).flat_map(around).map(move |(x, y)| Self { x: self.x.saturating_add(x), y: self.y.saturating_add(y) })
+    }
 }
 
 impl Topic {

@@ -12,6 +12,7 @@
 //! A step without a new measurement receives and sends messages but decides nothing: the mission gives no task, and
 //! without a task there is neither a setpoint nor a new command.
 
+use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use nalgebra::Vector2;
@@ -30,11 +31,13 @@ use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{Condition, Conditions, Response};
 use crate::formation::external::{LawQuery, LawReply};
 use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario};
+use crate::intent::{Intents, ReceivedIntent};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
 use crate::peers::{Broadcast, Change, PeerEstimate, PeerStateAge, Peers, Received};
 use crate::plant::{Command, GroundTruth, Measurement};
 use crate::random::{self, Purpose};
+use crate::strangers::{Strangers, StrangersReceived};
 
 /// The inputs since the last step.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +48,10 @@ pub struct Inputs<'a> {
     pub received: &'a [Received],
     /// Messages that all vehicles of the swarm received alike.
     pub broadcast: Broadcast<'a>,
+    /// States received from vehicles of other teams, in any order.
+    pub strangers: StrangersReceived<'a>,
+    /// Intents received from vehicles of other teams, each with its time of arrival by the own clock.
+    pub intents: &'a [ReceivedIntent],
     /// Makes this vehicle land and leave the swarm, because its agent is about to end.
     pub leave: bool,
     /// Reply of an external law to the last query.
@@ -69,6 +76,9 @@ pub struct Agent {
     estimator: Estimator,
     diagnosis: Diagnosis,
     peers: Peers,
+    strangers: Strangers,
+    /// `None` if the swarm is not a team of a fleet.
+    intents: Option<Box<Intents>>,
     mission: Mission,
     formation: Formation,
     controller: Controller,
@@ -128,6 +138,8 @@ impl Agent {
             estimator: Estimator::new(origin, &scenario.sensing),
             diagnosis: Diagnosis::new(aircraft),
             peers: Peers::new(own, roster, plan, &scenario.network),
+            strangers: Strangers::default(),
+            intents: Intents::new(scenario).map(Box::new),
             mission: Mission::new(scenario, aircraft.take_off_rotor_rad_s()),
             formation: Formation::new(own, scenario)?,
             controller: Controller::new(scenario, rules, trim),
@@ -259,6 +271,11 @@ impl Agent {
         self.peers.in_contact()
     }
 
+    /// Centre of the area for which this vehicle's team waits, if it does.
+    pub fn wanted_area(&self) -> Option<PositionNed> {
+        self.intents.as_ref()?.wanted(self.mission.at())
+    }
+
     /// Number of states sent so far, and their payload, bytes.
     pub fn states_sent(&self) -> (u64, u64) {
         (self.schedule.state_messages(), self.schedule.state_bytes())
@@ -335,6 +352,10 @@ impl Agent {
     /// The peers stage: updates the peers and returns all conditions so far.
     fn update_peers(&mut self, own: &OwnEstimate, inputs: &Inputs<'_>) -> Conditions {
         self.peers.update(own.now.local, inputs.received, inputs.broadcast);
+        self.strangers.update(own.now.local, inputs.strangers);
+        if let Some(intents) = &mut self.intents {
+            intents.receive(inputs.intents);
+        }
         let mut conditions = self.diagnosis.conditions();
         conditions.extend(own.condition);
         conditions.extend(self.peers.all_lost().then_some(Condition::AllPeersLost));
@@ -357,7 +378,10 @@ impl Agent {
         }
         let Some(estimate) = &own.new else { return (None, events) };
         let output = self.last.output.as_ref();
+        let (at, is_complete) = (self.mission.at(), self.mission.has_completed());
+        let is_next_taken = |intents: &mut Box<Intents>| intents.is_next_taken(own.now.local, at, is_complete);
         let view = View {
+            is_next_taken: self.intents.as_mut().is_some_and(is_next_taken),
             revision: self.peers.revision(),
             absent_may_fly: self.peers.absent_may_fly(),
             altitude_error_m: output.map(|output| output.altitude_error_m(estimate)),
@@ -398,6 +422,8 @@ impl Agent {
     ) -> Option<FormationOutput> {
         self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
+        let strangers_reach_m = self.formation.strangers_reach_m(task);
+        self.formation.set_strangers(self.strangers.near(estimate.position, strangers_reach_m));
         let reach_m = self.formation.reach_m(task, self.peers.members().len() + 1);
         let others = self.peers.near(estimate.position, reach_m);
         self.last.output = self.formation.step(own.dt_s, estimate, others, task);
@@ -443,7 +469,14 @@ impl Agent {
             _ => own.estimate,
         };
         let echo = |stamp| self.peers.echo(stamp);
-        self.schedule.outbox(own.now.local, estimate.as_ref(), &self.mission, events, echo)
+        let outbox = self.schedule.outbox(own.now.local, estimate.as_ref(), &self.mission, events, echo);
+        let at = self.mission.at();
+        let due = |intents: &mut Box<Intents>| intents.due(own.now.local, at);
+        let flies = self.mission.membership() != Membership::Left;
+        let intent = self.intents.as_mut().filter(|_| flies).and_then(due);
+        let header = intent.map(|_| self.schedule.header_of_intent(own.now.local));
+        let intent = header.zip(intent).map(|(header, intent)| intent.message(header, self.estimator.origin()));
+        Outbox { intent, ..outbox }
     }
 
     /// Compares with the last step and reports the changes.

@@ -96,6 +96,11 @@ impl Estimator {
         }
     }
 
+    /// Origin of the local frame.
+    pub fn origin(&self) -> &Origin {
+        &self.origin
+    }
+
     /// From now on the estimator ignores the measured position, which has been frozen since it last changed, and
     /// dead-reckons the vehicle from there by the measured velocity.
     pub fn dead_reckon(&mut self) {

@@ -43,6 +43,7 @@ use crate::control::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
 use crate::peers::{MAX_OBSTACLE_RADIUS_M, PeerEstimate, PeerSummary, Role};
+use crate::strangers::MovingObstacle;
 use conversion::Conversion;
 use external::{External, LawQuery};
 use law::{Goal, Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle};
@@ -53,6 +54,8 @@ pub use ring::of as ring;
 
 /// Largest commanded speed relative to the centre, m/s: the speed for a displacement of 15 m or more.
 const FASTEST_M_S: f64 = 7.5;
+/// Speed up to which strangers are cleared in time, m/s.
+const STRANGERS_M_S: f64 = 20.0;
 /// Vertical distance beyond which an obstacle is ignored, m.
 const OBSTACLE_REACH_M: f64 = 15.0;
 /// Two vehicles nearer than this have no defined direction between them, m.
@@ -107,6 +110,7 @@ pub struct Formation {
     /// All other live members.
     members: VehicleSet,
     obstacles: Vec<Obstacle>,
+    strangers: Vec<MovingObstacle>,
     constraints: Vec<Constraint>,
     is_restrained: bool,
     activations: u64,
@@ -196,6 +200,7 @@ impl Formation {
             neighbours: Vec::new(),
             members: VehicleSet::default(),
             obstacles: Vec::new(),
+            strangers: Vec::new(),
             constraints: Vec::new(),
             is_restrained: false,
             activations: 0,
@@ -256,6 +261,24 @@ impl Formation {
                 law_m.max(filter_m(shape.filter, feedforward_m_s))
             }
         }
+    }
+
+    /// Distance beyond which no stranger affects the output for this task, m; zero without a safety filter.
+    pub fn strangers_reach_m(&self, task: &Task) -> f64 {
+        let feedforward_m_s = match task {
+            Task::Wait | Task::Park | Task::Autorotate { .. } => return 0.0,
+            Task::Stay { .. } => 0.0,
+            Task::Formation(goal) => goal.centre_velocity_ne_m_s.norm(),
+        };
+        // A vehicle that ensures the whole rate alone has twice the rate: half the speed at the same distance.
+        let closing_m_s = FASTEST_M_S + feedforward_m_s + STRANGERS_M_S;
+        self.filter.map_or(0.0, |filter| filter.reach_m(closing_m_s / 2.0, filter.distance_m))
+    }
+
+    /// Sets the strangers near this vehicle for the next step.
+    pub fn set_strangers(&mut self, strangers: impl Iterator<Item = MovingObstacle>) {
+        self.strangers.clear();
+        self.strangers.extend(strangers);
     }
 
     /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's
@@ -386,6 +409,20 @@ impl Formation {
                 self.constraints.push(constraint.relative(feedforward_ne_m_s, velocity_ne_m_s));
             }
         }
+        for stranger in &self.strangers {
+            let from_other_m = estimate.position - stranger.position;
+            let clear_m = filter.distance_m + stranger.uncertainty_m;
+            let is_apart = from_other_m.xy().norm_squared() > COINCIDENT_M * COINCIDENT_M;
+            if is_apart && from_other_m.z.abs() < clear_m {
+                let theirs_ne_m_s = stranger.velocity.horizontal();
+                self.constraints.push(filter.constraint_alone(
+                    from_other_m,
+                    clear_m,
+                    theirs_ne_m_s,
+                    feedforward_ne_m_s,
+                ));
+            }
+        }
         let restrained = filter.restrain(command_ne_m_s.cap_magnitude(FASTEST_M_S), &self.constraints);
         self.activations += u64::from(restrained.is_some() && !self.is_restrained);
         self.is_restrained = restrained.is_some();
@@ -412,6 +449,17 @@ impl Formation {
             }
         }
     }
+}
+
+/// Distance from the formation's centre within which all vehicles of a swarm of this size fly, m.
+pub fn extent_m(formation: &scenario::Formation, vehicles: usize) -> f64 {
+    let is_circle = !formation.law.has_slots() || formation.slots.pattern == scenario::Pattern::Circle;
+    if is_circle {
+        let longest_m = formation.radius_m * (1.0 / formation.gamma.sqrt()).max(1.0);
+        return longest_m + formation.outer_width_m;
+    }
+    let slots = slots::Slots::of(formation);
+    (0..vehicles).map(|rank| slots.slot_ne_m(rank, vehicles).norm()).fold(0.0, f64::max)
 }
 
 /// The conversion configured by a scenario.

@@ -16,6 +16,7 @@ mod channel;
 mod channels;
 mod cuts;
 mod link;
+mod strangers;
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
@@ -32,6 +33,7 @@ use crate::peers::{PeerMessage, Received, ReceivedState};
 use channels::ReceiverChannels;
 pub use cuts::{delays, lasting, silences, union};
 use link::Link;
+pub use strangers::StrangerImpairments;
 
 /// The network impairments of one receiving agent.
 #[derive(Clone, Debug)]

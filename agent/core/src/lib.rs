@@ -36,6 +36,7 @@ pub mod formation;
 mod gilbert;
 pub mod helicopter;
 pub mod impairments;
+pub mod intent;
 mod lanes;
 pub mod mission;
 pub mod outbox;
@@ -47,5 +48,6 @@ pub mod sensors;
 pub mod skew;
 pub mod start;
 pub mod station;
+pub mod strangers;
 #[cfg(test)]
 mod testing;

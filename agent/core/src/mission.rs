@@ -64,6 +64,8 @@ pub struct View {
     pub collective_limit: Option<CollectiveLimit>,
     /// Whether the vehicle is where the formation commands it, at its altitude and slow.
     pub in_place: bool,
+    /// Whether another team keeps this one from its next step.
+    pub is_next_taken: bool,
 }
 
 /// The mission stage of one vehicle.
@@ -97,6 +99,8 @@ pub struct Mission {
     /// Time for which the vehicle has been off its altitude and coming no nearer, with no collective left, s.
     stuck_s: f64,
     progress: LegProgress,
+    /// Whether this vehicle has once completed its step, except that the next one may be taken.
+    is_complete: bool,
     /// The step has just begun, and other vehicles may be farther along it.
     is_late: bool,
     /// Position of the stay; `None` while the vehicle does not stay.
@@ -145,6 +149,7 @@ impl Mission {
             at_altitude: false,
             stuck_s: 0.0,
             progress: LegProgress::default(),
+            is_complete: false,
             is_late: false,
             stay: None,
             landing: None,
@@ -259,6 +264,11 @@ impl Mission {
         self.leg().map(|leg| self.progress.centre(leg)).unwrap_or_default()
     }
 
+    /// Whether this vehicle has once completed its step, except that the area of the next one may be taken.
+    pub fn has_completed(&self) -> bool {
+        self.is_complete
+    }
+
     /// Whether the mission has reached its landing step.
     pub fn is_at_landing(&self) -> bool {
         self.leg().is_some_and(|leg| leg.kind == Kind::Land)
@@ -340,6 +350,7 @@ impl Mission {
         happened.extend((self.membership() != Membership::Left).then_some(event));
         self.update_awaited(heartbeats);
         self.progress.begin_next();
+        self.is_complete = false;
         self.is_late = true;
     }
 
@@ -407,7 +418,9 @@ impl Mission {
         let is_stuck = !is_at_altitude && Self::is_without_authority(estimate, view);
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
         happened.extend(self.is_stuck().then_some(EventKind::Failed(Failure::Altitude)));
-        if self.is_complete(now.plant, view.in_place, heartbeats.clone()) && self.reached() < Some(self.at()) {
+        let is_complete = self.completes(now.plant, view.in_place, heartbeats.clone());
+        self.is_complete |= is_complete;
+        if is_complete && !view.is_next_taken && self.reached() < Some(self.at()) {
             self.agreement.reach();
             happened.push(EventKind::Reached(self.at()));
         }
@@ -443,7 +456,7 @@ impl Mission {
     }
 
     /// Advances the time within the step; returns whether this vehicle has completed it.
-    fn is_complete(
+    fn completes(
         &mut self,
         now: PlantTime,
         in_place: bool,

@@ -11,7 +11,7 @@ use alloc::vec::Vec;
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::math;
-use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, State};
+use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, Intent, State};
 use skein_common::scenario::{Network, SendMode};
 use skein_common::time::{LocalTime, SenderStamp};
 
@@ -33,6 +33,8 @@ pub struct Outbox {
     pub state: Option<State>,
     /// The heartbeat with the agreement state, if it is due.
     pub mission: Option<Heartbeat>,
+    /// What the own team occupies and wants, if it is a team of a fleet and the others need to know.
+    pub intent: Option<Intent>,
     /// The events of this step, in the order of the stages that found them.
     pub happened: Vec<EventKind>,
 }
@@ -52,6 +54,7 @@ pub struct SendSchedule {
     heartbeats: u64,
     heartbeat_bytes: u64,
     traces: u64,
+    intents: u64,
 }
 
 /// The conditions under which the peers need a new state.
@@ -104,6 +107,7 @@ impl SendSchedule {
             heartbeats: 0,
             heartbeat_bytes: 0,
             traces: 0,
+            intents: 0,
         }
     }
 
@@ -122,7 +126,7 @@ impl SendSchedule {
         let state = state.map(|estimate| self.state(now, estimate));
         let goes_along = state.is_some() && self.is_heartbeat_due_soon(now);
         let mission = (is_heartbeat_due || goes_along).then(|| self.mission(now, mission, echo));
-        Outbox { state, mission, happened }
+        Outbox { state, mission, intent: None, happened }
     }
 
     /// Number of states sent since the agent's start.
@@ -144,6 +148,12 @@ impl SendSchedule {
     pub fn header_of_trace(&mut self, now: LocalTime) -> Header {
         self.traces += 1;
         self.header(now, self.traces)
+    }
+
+    /// The header of the next intent.
+    pub fn header_of_intent(&mut self, now: LocalTime) -> Header {
+        self.intents += 1;
+        self.header(now, self.intents)
     }
 
     /// Whether the peers need a new state now, or soon while a heartbeat is sent.

@@ -35,6 +35,8 @@ pub enum Purpose {
     RateSensor = 10,
     /// Dropouts of a vehicle's measurements.
     SensorDropout = 11,
+    /// Impairments of the states of other teams at a vehicle.
+    Strangers = 12,
     /// Choices across many runs: the points a sweep samples, the runs a bootstrap draws.
     Study = 64,
 }

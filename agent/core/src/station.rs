@@ -23,11 +23,13 @@ use crate::aircraft::Aircraft;
 use crate::control::Rules;
 use crate::formation::UnsupportedScenario;
 use crate::formation::external::LawReply;
-use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition};
+use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition, StrangerImpairments};
+use crate::intent::ReceivedIntent;
 use crate::peers::{Broadcast, Received};
 use crate::plant::{GroundTruth, Measurement};
 use crate::sensors::Sensors;
 use crate::skew::Skew;
+use crate::strangers::{StrangerState, StrangersReceived};
 
 /// Clock data that survive a restart of the agent: the clock's error and the time of take-off.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -81,6 +83,12 @@ pub struct Station {
     sensors: Option<Box<Sensors>>,
     /// Messages received since the last step, stamped by the vehicle's clock.
     received: Vec<Received>,
+    /// Impairments of the states of vehicles of other teams; `None` without a fleet.
+    stranger_impairments: Option<Box<StrangerImpairments>>,
+    /// Those states received since the last step, stamped alike.
+    strangers: Vec<StrangerState>,
+    /// Intents of other teams received since the last step, stamped alike.
+    intents: Vec<ReceivedIntent>,
 }
 
 impl Station {
@@ -98,7 +106,9 @@ impl Station {
     ) -> Result<Self, UnsupportedScenario> {
         let agent = Agent::new(scenario, own, incarnation, aircraft, rules)?;
         let (impairments, sensors) = (Impairments::new(scenario, own), Sensors::new(scenario, own));
-        Ok(Self { agent, impairments, clocks, sensors, received: Vec::new() })
+        let stranger_impairments = scenario.team.map(|_| Box::new(StrangerImpairments::new(scenario, own)));
+        let (received, strangers, intents) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { agent, impairments, clocks, sensors, received, stranger_impairments, strangers, intents })
     }
 
     /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass
@@ -112,16 +122,48 @@ impl Station {
         }
     }
 
+    /// Takes the states of vehicles of other teams that an ideal network delivers, each with the correct time of its
+    /// arrival. Those that pass the impairments by now are kept for the next step. Call it in every frame: a state may be
+    /// late.
+    pub fn receive_strangers(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = StrangerState>) {
+        let Some(impairments) = &mut self.stranger_impairments else { return };
+        let own = self.agent.position();
+        arriving.into_iter().for_each(|state| impairments.send(state, right, own));
+        let before = self.strangers.len();
+        impairments.receive(right, &mut self.strangers);
+        if !self.clocks.skew.is_zero() {
+            self.strangers[before..].iter_mut().for_each(|state| state.at = self.clocks.local_time(state.at));
+        }
+    }
+
+    /// Takes the intents of other teams that an ideal network delivers, as [`Self::receive_strangers`] takes states.
+    pub fn receive_intents(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = ReceivedIntent>) {
+        let Some(impairments) = &mut self.stranger_impairments else { return };
+        arriving.into_iter().for_each(|intent| impairments.send_intent(intent, right));
+        let before = self.intents.len();
+        impairments.receive_intents(right, &mut self.intents);
+        if !self.clocks.skew.is_zero() {
+            self.intents[before..].iter_mut().for_each(|intent| intent.at = self.clocks.local_time(intent.at));
+        }
+    }
+
     /// Whether the network delivers every message to this vehicle at once, so that it need not be kept in flight:
     /// [`Self::step`] takes such messages in place.
     pub fn receives_broadcast(&self) -> bool {
         self.impairments.is_perfect()
     }
 
+    /// Whether the network delivers every state of other teams to this vehicle at once, so that [`Self::step`] takes them
+    /// in place.
+    pub fn receives_strangers_at_once(&self) -> bool {
+        self.stranger_impairments.as_ref().is_some_and(|impairments| impairments.is_perfect())
+    }
+
     /// Steps the agent at this correct time. `measurement` is the exact one of a new frame, `None` if none arrived in
     /// time: the scenario's sensors decide what the agent gets of it. `plant_time` is the time of the newest frame.
     /// `leave` makes this vehicle land and leave the swarm. `answer` is
-    /// an external law's reply.
+    /// an external law's reply. `broadcast` are messages, and `strangers` states of other teams, that the agent takes in
+    /// place.
     pub fn step(
         &mut self,
         right: LocalTime,
@@ -129,6 +171,7 @@ impl Station {
         leave: bool,
         answer: Option<&LawReply>,
         broadcast: Broadcast<'_>,
+        strangers: &[StrangerState],
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let measured;
@@ -139,9 +182,13 @@ impl Station {
             }
             (_, measurement) => measurement,
         };
-        let inputs = Inputs { measurement, received: &self.received, broadcast, leave, answer };
+        let strangers = StrangersReceived { stamped: &self.strangers, now: strangers };
+        let (received, intents) = (&*self.received, &*self.intents);
+        let inputs = Inputs { measurement, received, broadcast, strangers, intents, leave, answer };
         let outputs = self.agent.step(now, &inputs);
         self.received.clear();
+        self.strangers.clear();
+        self.intents.clear();
         if self.agent.membership() == Membership::Active {
             self.clocks.took_off.get_or_insert(right);
         }

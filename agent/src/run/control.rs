@@ -105,7 +105,7 @@ impl Control {
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
         let Outputs { command, outbox, ask } =
-            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), Broadcast::default());
+            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), Broadcast::default(), &[]);
         if let Some(command) = command {
             self.plant.command(command);
         }

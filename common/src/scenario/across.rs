@@ -414,7 +414,7 @@ impl Check<'_> {
                     let path = path("step");
                     return Err(self.fault(&[&path], format!("`{path}` is {step}, but the last step is {last}")));
                 }
-                EventAction::Fault(Fault::KillControl) | EventAction::Order(_) => {}
+                EventAction::Fault(Fault::KillControl | Fault::Isolate { .. }) | EventAction::Order(_) => {}
             }
         }
         Ok(())

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::frame::Geodetic;
-use crate::id::{SwarmName, VehicleId};
+use crate::id::{SwarmName, TeamId, VehicleId};
 
 pub use super::law::Law;
 pub use laws::{DisplacementConsensus, OlfatiSaber, Pattern, Slots, Vasarhelyi};
@@ -60,6 +60,28 @@ pub struct Scenario {
     pub record: Record,
     /// Settings of each vehicle, by id: `vehicle[0]` is vehicle 1.
     pub vehicle: Vec<Vehicle>,
+    /// The fleet of which the swarm is a team; `None` if it flies alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub team: Option<TeamInFleet>,
+}
+
+/// The place of a team in its fleet.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TeamInFleet {
+    /// The team's number.
+    pub id: TeamId,
+    /// Number of teams.
+    pub teams: u16,
+    /// The team's place, which is the origin of its local frame, north and east of the fleet's origin, m.
+    pub place_ne_m: [f64; 2],
+    /// The fleet's origin. The cells of the map count from it.
+    pub origin: OriginSettings,
+    /// Rate at which a study records the places of all vehicles, Hz.
+    pub record_hz: f64,
+    /// Whether a study records all of the team.
+    pub is_recorded: bool,
+    /// The seed that the file gives to the team. The team's own seed follows from it and the team's number.
+    pub seed: u64,
 }
 
 impl Scenario {
@@ -132,7 +154,7 @@ pub enum StartPattern {
 }
 
 /// Origin of the local north-east-down frame, `[origin]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OriginSettings {
     /// Latitude, °, positive north.
     pub latitude_deg: f64,

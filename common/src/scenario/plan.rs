@@ -17,7 +17,7 @@ impl Scenario {
             plan.insert(name.to_owned(), part.expect("TOML can represent every plan"));
         };
         put("vehicles", Toml::try_from(self.swarm.vehicles));
-        put("origin", Toml::try_from(&self.origin));
+        put("origin", Toml::try_from(self.origin));
         put("formation", Toml::try_from(&self.formation));
         put("steps", Toml::try_from(&self.mission.steps));
         put("partition", Toml::try_from(self.mission.partition));

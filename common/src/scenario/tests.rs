@@ -1,5 +1,6 @@
 use super::*;
 
+mod fleets;
 mod loading;
 mod properties;
 mod refusals;

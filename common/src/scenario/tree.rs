@@ -10,6 +10,7 @@ use super::error::ScenarioError;
 use super::keys::{self, Key, REMOVED};
 use super::kind::FileKind;
 use super::{Layer, Source};
+use crate::id::TeamId;
 
 /// Position of a written value.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -90,14 +91,50 @@ pub(super) fn list_of_keys<'k>(names: impl Iterator<Item = &'k str>) -> String {
 }
 
 /// The file and the `--set` options, with the keys that are allowed in them.
+#[derive(Clone, Copy)]
 pub(super) struct Texts<'a> {
     pub(super) kind: FileKind,
     pub(super) keys: &'static [Key],
     pub(super) source: &'a Source<'a>,
     pub(super) sets: &'a [String],
+    pub(super) part: Part,
+}
+
+/// What is read of a file.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// Everything: the file describes one swarm, or is no scenario.
+    Whole,
+    /// The scenario that all teams of a fleet have in common.
+    Common,
+    /// The scenario of one team of a fleet.
+    Team(TeamId),
 }
 
 impl Texts<'_> {
+    /// The path of a `--set` option, without the team that it is for.
+    pub(super) fn path_of(&self, index: usize) -> Option<&str> {
+        let path = self.sets[index].split_once('=')?.0.trim();
+        let (_, rest) = without_team(path).filter(|_| self.part != Part::Whole).unwrap_or(("", path));
+        Some(rest)
+    }
+
+    /// Whether a `--set` option is for the scenario that is read: not for the fleet, and not for another team.
+    pub(super) fn is_for_scenario(&self, index: usize) -> bool {
+        let path = self.sets[index].split_once('=').map_or("", |(path, _)| path.trim());
+        match (self.part, without_team(path)) {
+            (Part::Whole, _) => true,
+            (Part::Common, Some(_)) => false,
+            (Part::Team(own), Some((team, _))) => own.get().to_string() == team,
+            (_, None) => !path.starts_with("fleet."),
+        }
+    }
+
+    /// The team that a `--set` option is for, as written.
+    pub(super) fn team_of(&self, index: usize) -> Option<&str> {
+        Some(without_team(self.sets[index].split_once('=')?.0.trim())?.0)
+    }
+
     /// An error at a position.
     pub(super) fn fault(&self, place: &Place, key: &str, message: impl Into<String>) -> ScenarioError {
         let (file, position, span) = match place {
@@ -198,10 +235,10 @@ impl Texts<'_> {
     /// Applies the `--set` option number `index` to a checked tree.
     pub(super) fn set(&self, root: &mut Node, index: usize) -> Result<(), ScenarioError> {
         let place = Place::Set(index);
-        let Some((path, text)) = self.sets[index].split_once('=') else {
+        let (Some(path), Some((_, text))) = (self.path_of(index), self.sets[index].split_once('=')) else {
             return Err(self.fault(&place, "", "not of the form key=value"));
         };
-        let (path, text) = (path.trim(), text.trim());
+        let text = text.trim();
         let spelling = "not the path of a key; paths look like formation.radius_m and mission.steps[0].name";
         let steps = steps(path).ok_or_else(|| self.fault(&place, path, spelling))?;
         if keys::meaning(self.keys, path).is_none() {
@@ -261,6 +298,11 @@ impl Texts<'_> {
             Err(_) => Ok(Node { place, value: Value::Plain(toml::Value::String(text.to_owned())) }),
         }
     }
+}
+
+/// The team of a path such as `team.3.formation.radius_m`, and the rest.
+fn without_team(path: &str) -> Option<(&str, &str)> {
+    path.strip_prefix("team.")?.split_once('.')
 }
 
 /// Conversion of the parser's tree to [`Node`]s.

@@ -9,7 +9,7 @@ use super::Source;
 use super::error::ScenarioError;
 use super::keys::{self, Key, Literal};
 use super::kind::FileKind;
-use super::tree::{Node, Place, Texts, list_of_keys, shown};
+use super::tree::{Node, Part, Place, Texts, list_of_keys, shown};
 
 /// The checked content of a file: every key is known, of the right kind and in its range.
 pub struct Written<'a> {
@@ -24,7 +24,7 @@ impl<'a> Written<'a> {
     /// The first error found: not TOML, an unknown key, a value of the wrong kind or out of its range, or a required
     /// key that is missing.
     pub fn read(source: &'a Source<'a>, kind: FileKind, keys: &'static [Key]) -> Result<Self, ScenarioError> {
-        let texts = Texts { kind, keys, source, sets: &[] };
+        let texts = Texts { kind, keys, source, sets: &[], part: Part::Whole };
         let mut root = texts.parse()?;
         texts.check_kind(&root)?;
         texts.check_table(&mut root, "")?;
@@ -44,7 +44,7 @@ impl<'a> Written<'a> {
     /// # Errors
     /// The first error found: not TOML, or a value that the type refuses, with its position and the most similar field.
     pub fn typed<T: DeserializeOwned>(source: &'a Source<'a>, kind: FileKind) -> Result<(T, Self), ScenarioError> {
-        let texts = Texts { kind, keys: &[], source, sets: &[] };
+        let texts = Texts { kind, keys: &[], source, sets: &[], part: Part::Whole };
         let root = texts.parse()?;
         texts.check_kind(&root)?;
         let written = Self { texts, root };

@@ -194,7 +194,9 @@ pub fn failure_of(fault: &Fault) -> Option<(VehicleId, FailureName)> {
         Fault::GyroOff { vehicle } => Some((*vehicle, "gyro_off")),
         Fault::GpsFrozen { vehicle } => Some((*vehicle, "gps_frozen")),
         Fault::ClockJump { vehicle, .. } => Some((*vehicle, "clock_jump")),
-        Fault::Kill { .. } | Fault::KillControl | Fault::Cut { .. } | Fault::Delay { .. } => None,
+        Fault::Kill { .. } | Fault::KillControl | Fault::Isolate { .. } | Fault::Cut { .. } | Fault::Delay { .. } => {
+            None
+        }
     }
 }
 
@@ -234,5 +236,9 @@ pub fn describe(fault: &Fault) -> String {
         Fault::GpsFrozen { vehicle } => format!("gps_frozen of vehicle {vehicle}"),
         Fault::ClockJump { vehicle, by_s } => format!("clock_jump of vehicle {vehicle} by {by_s} s"),
         Fault::KillControl => "kill_control".to_owned(),
+        Fault::Isolate { both_ways: false } => "isolate: the team receives nothing of the others".to_owned(),
+        Fault::Isolate { both_ways: true } => {
+            "isolate: the team and the others receive nothing of each other".to_owned()
+        }
     }
 }

@@ -32,6 +32,7 @@
 mod copy;
 mod csv;
 mod draft;
+mod fleet;
 mod format;
 mod merge;
 mod reader;
@@ -49,6 +50,8 @@ use skein_common::scenario::ScenarioError;
 
 pub use csv::csv;
 pub(crate) use draft::Draft;
+pub(crate) use fleet::FleetWriter;
+pub use fleet::{FLEET_FILE, TeamPlaces, VehiclePlace, read_fleet};
 pub(crate) use format::log_time_ns;
 pub use merge::merge;
 pub use reader::read;

@@ -1,6 +1,7 @@
 //! Draws a report of flights as one page with figures and tables (`skein report`).
 
 pub mod figure;
+mod fleet;
 pub mod flight;
 pub mod page;
 mod scenarios;

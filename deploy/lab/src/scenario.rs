@@ -5,7 +5,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use skein_common::scenario::{self, Loaded, Scenario, Source, Vehicle, load};
+use skein_common::scenario::{self, Described, Loaded, Scenario, Source, Vehicle, load_any};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::formation;
@@ -40,30 +40,67 @@ impl ScenarioArgs {
     /// # Errors
     /// The file cannot be read, or the file or a set is invalid.
     pub fn read(&self, more: Vec<String>) -> Result<Loaded, Error> {
+        match self.read_any(more)? {
+            Described::Swarm(loaded) => Ok(*loaded),
+            Described::Fleet(teams) => Err(Error::Refused(format!(
+                "{}: this is a fleet of {} teams; this command takes one swarm",
+                self.name(),
+                teams.len()
+            ))),
+        }
+    }
+
+    /// Reads a scenario or a fleet, as [`Self::read`] does a scenario.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_any(&self, more: Vec<String>) -> Result<Described, Error> {
         let mut sets = [self.sets.clone(), more].concat();
         let name = self.name();
         let read = |path| fs::read_to_string(path).map_err(|error| Error::Refused(format!("{name}: {error}")));
         let text = self.scenario.as_ref().map_or_else(|| Ok(HOVER.text.to_owned()), read)?;
         let load = |sets: &[String]| {
-            load(&Source { name: &name, text: &text }, sets)
+            load_any(&Source { name: &name, text: &text }, sets)
                 .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
         };
-        let loaded = load(&sets)?;
+        let described = load(&sets)?;
         let given = sets.len();
+        match &described {
+            Described::Swarm(loaded) => sets.extend(self.absolute_paths(&loaded.scenario)?),
+            Described::Fleet(teams) => {
+                let of_teams =
+                    teams.iter().map(|team| self.absolute_paths(&team.scenario)).collect::<Result<Vec<_>, _>>()?;
+                let are_equal = of_teams.windows(2).all(|two| two[0] == two[1]);
+                if are_equal {
+                    sets.extend(of_teams.into_iter().next().unwrap_or_default());
+                } else {
+                    let own = of_teams.into_iter().enumerate();
+                    sets.extend(
+                        own.flat_map(|(nth, sets)| sets.into_iter().map(move |set| format!("team.{}.{set}", nth + 1))),
+                    );
+                }
+            }
+        }
+        if sets.len() > given { load(&sets) } else { Ok(described) }
+    }
+
+    /// Options that make the relative paths of a scenario absolute.
+    fn absolute_paths(&self, scenario: &Scenario) -> Result<Vec<String>, Error> {
+        let mut sets = Vec::new();
         let refused = |key: &str, error: io::Error| Error::Refused(format!("{key}: {error}"));
-        if let scenario::Rules::Folder(rules) = &loaded.scenario.control.rules
+        if let scenario::Rules::Folder(rules) = &scenario.control.rules
             && rules.is_relative()
         {
             let rules = std::path::absolute(self.folder().join(rules)).map_err(|e| refused("control.rules", e))?;
             sets.push(format!("control.rules={}", toml::Value::String(rules.display().to_string())));
         }
-        if let Some(command) = &loaded.scenario.formation.external.command {
+        if let Some(command) = &scenario.formation.external.command {
             let key = "formation.external.command";
             let resolved = external::resolve(command, self.folder()).map_err(|error| refused(key, error))?;
             let changed = (resolved != *command).then(|| format!("{key}={}", toml::Value::from(resolved)));
             sets.extend(changed);
         }
-        if sets.len() > given { load(&sets) } else { Ok(loaded) }
+        Ok(sets)
     }
 
     /// Checks that agents of this build can fly a scenario from [`ScenarioArgs::read`], and reads the files that it

@@ -4,6 +4,7 @@
 //! side; what comes out does not depend on how many at once.
 
 mod command;
+mod fleet;
 mod flight;
 mod measured;
 pub mod plan;
@@ -27,6 +28,7 @@ use crate::metrics::{Metrics, Report, VehicleNow};
 use crate::recording::Watch;
 use crate::world::{World, WorldError};
 pub use command::{StudyArgs, run};
+pub use fleet::{FleetRecording, FleetReport, FleetStudy, OverTeams, over_teams};
 use flight::{SeedFlight, fly_side_by_side};
 pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 pub use recorded::{RecordRunError, record_run};

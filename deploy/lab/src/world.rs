@@ -19,9 +19,9 @@ mod vehicle;
 use std::mem;
 use std::num::NonZeroUsize;
 
-use skein_common::frame::Origin;
+use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::VehicleId;
-use skein_common::message::{self, EventKind, Message, Trace};
+use skein_common::message::{self, EventKind, Intent, Message, Trace};
 use skein_common::scenario::{ControlMode, Scenario};
 use skein_common::state::Membership;
 use skein_common::time::LocalTime;
@@ -32,9 +32,11 @@ use skein_core::control::Rules;
 use skein_core::formation::external::{LawQuery, LawReply};
 use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
+use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState, SharedRecords};
 use skein_core::plant::{Command, Controls, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
+use skein_core::strangers::StrangerState;
 use skein_host::parallel::at_once;
 
 use crate::faults::{InjectedFault, LinkChanges};
@@ -43,7 +45,7 @@ use central::Central;
 use driver::{Decentralised, Driver};
 pub use plants::Blocks;
 use script::{Operator, ScriptedAction};
-use vehicle::Vehicle;
+use vehicle::{Arriving, Vehicle};
 
 /// Length of a tick, ns.
 const TICK_NS: u64 = (TICK_S * 1e9) as u64;
@@ -79,6 +81,10 @@ pub struct World {
     arriving: Vec<PeerMessage>,
     /// What the agents that have received every message to all vehicles know of each other.
     records: SharedRecords,
+    /// Groups of states of other teams that the agents receive in the next tick.
+    strangers: Vec<Vec<StrangerState>>,
+    /// Intents that the agents have sent in the last tick.
+    intents: Vec<Intent>,
     /// Messages to one vehicle, a restarted one, that were sent since the agents last received.
     to_one: Vec<(VehicleId, PeerMessage)>,
     /// Queries to external laws since the last call of [`Self::take_asks`].
@@ -120,6 +126,8 @@ impl World {
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
             arriving: Vec::new(),
             records: SharedRecords::new(scenario),
+            strangers: Vec::new(),
+            intents: Vec::new(),
             to_one: Vec::new(),
             operator: Operator::new(scenario),
             scenario: scenario.clone(),
@@ -173,9 +181,11 @@ impl World {
         self.deliver(now);
         self.follow_script(now);
         let threads = self.threads();
-        let Self { vehicles, driver, origin, in_flight, arriving, records, asks, events, .. } = self;
+        self.intents.clear();
+        let Self { vehicles, driver, origin, in_flight, arriving, records, strangers, intents, asks, events, .. } = self;
         let broadcast = Broadcast { messages: arriving, records: Some(records) };
-        driver.frame(now, broadcast, vehicles, threads, &mut |vehicle, outbox, ask| {
+        let arriving = Arriving { broadcast, strangers };
+        driver.frame(now, arriving, vehicles, threads, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
             asks.extend(ask);
             let state = outbox.state.map(|state| ReceivedState::new(through_wire(&state), origin));
@@ -184,10 +194,43 @@ impl World {
                 vehicle.heartbeat = Some(through_wire(&mission));
                 in_flight.extend(vehicle.heartbeat.map(PeerMessage::Mission));
             }
+            intents.extend(outbox.intent.map(|intent| through_wire(&intent)));
             events.extend(outbox.happened.into_iter().map(|what| (id, what)));
         });
         self.arriving.clear();
+        self.strangers.clear();
         self.ticks += 1;
+    }
+
+    /// The states that the agents have sent in the last tick.
+    pub(crate) fn states_in_flight(&self) -> impl Iterator<Item = &ReceivedState> {
+        self.in_flight
+            .iter()
+            .filter_map(|message| if let PeerMessage::State(state) = message { Some(state) } else { None })
+    }
+
+    /// Hands states of other teams to the agents, which receive them in the next tick: `group_of` has each vehicle's place
+    /// in `groups`.
+    pub(crate) fn receive_strangers(&mut self, groups: Vec<Vec<StrangerState>>, group_of: &[usize]) {
+        self.strangers = groups;
+        self.vehicles.iter_mut().zip(group_of).for_each(|(vehicle, &group)| vehicle.strangers = group);
+    }
+
+    /// The intents that the agents have sent in the last tick.
+    pub(crate) fn intents(&self) -> &[Intent] {
+        &self.intents
+    }
+
+    /// Centre of the area for which the team waits according to each vehicle, in the order of ids.
+    pub(crate) fn wanted_areas(&self) -> impl Iterator<Item = Option<PositionNed>> {
+        self.vehicles.iter().map(|vehicle| vehicle.agent()?.wanted_area())
+    }
+
+    /// Hands intents of other teams to the agent of the vehicle at this place, which receives them in the next tick.
+    pub(crate) fn receive_intents(&mut self, nth: usize, intents: Vec<ReceivedIntent>) {
+        if let Some(vehicle) = self.vehicles.get_mut(nth) {
+            vehicle.intents = intents;
+        }
     }
 
     /// Ends the agent of this vehicle without a message, as by `kill -9`: its liveliness token vanishes in the next
@@ -213,6 +256,22 @@ impl World {
     /// Number of vehicles.
     pub(crate) fn vehicle_count(&self) -> usize {
         self.vehicles.len()
+    }
+
+    /// Number of heartbeats sent by the agents that run, and their payload, bytes.
+    pub(crate) fn heartbeats_sent(&self) -> (u64, u64) {
+        let counts = self.vehicles().map(|(_, agent, ..)| agent.heartbeats_sent());
+        counts.fold((0, 0), |sum, of_one| (sum.0 + of_one.0, sum.1 + of_one.1))
+    }
+
+    /// The correct time of the next tick.
+    pub(crate) fn now(&self) -> LocalTime {
+        LocalTime::from_nanoseconds(self.ticks * TICK_NS)
+    }
+
+    /// Time since the first take-off, s.
+    pub(crate) fn since_take_off_s(&self) -> Option<f64> {
+        self.flown_s(self.now())
     }
 
     /// Time since the beginning, s.
@@ -272,7 +331,7 @@ impl World {
             return;
         }
         mem::swap(&mut self.in_flight, &mut self.arriving);
-        let Self { vehicles, driver, arriving, records, to_one, .. } = self;
+        let Self { vehicles, driver, arriving, records, to_one, strangers, .. } = self;
         let broadcasts = driver.broadcasts();
         let mut any_takes_broadcast = false;
         for vehicle in vehicles.iter_mut() {
@@ -283,6 +342,7 @@ impl World {
             let to_all = if vehicle.takes_broadcast { &[] } else { arriving.as_slice() };
             let to_all = to_all.iter().filter(|message| message.sender() != Some(id));
             let to_it = to_one.iter().filter(|(receiver, _)| *receiver == id).map(|(_, message)| message);
+            vehicle.receive_strangers(now, strangers);
             vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
         }
         to_one.clear();

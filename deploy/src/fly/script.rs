@@ -61,6 +61,8 @@ impl Player {
             (Fault::ClockJump { .. }, _) => Self::Unsupported,
             // Only a study has a central controller to kill.
             (Fault::KillControl, _) => Self::Unsupported,
+            // A live agent publishes each state once, for its own team and for the others.
+            (Fault::Isolate { .. }, _) => Self::Unsupported,
             (_, PlantKind::Builtin) => Self::Agent,
             (Fault::SimulatorFreeze { .. }, PlantKind::Standin) if os::CAN_FREEZE => Self::Launcher,
             _ => Self::Unsupported,
@@ -106,6 +108,7 @@ pub fn skipped(scenario: &Scenario) -> Vec<String> {
         let why = match fault {
             Fault::ClockJump { .. } => "agents in real time use a clock that cannot be set".to_owned(),
             Fault::KillControl => "only a study has a central controller".to_owned(),
+            Fault::Isolate { .. } => "only a study can withhold states from other teams alone".to_owned(),
             _ => format!("{plant} cannot simulate this failure"),
         };
         format!("at {} s: {}: skipped by `fly`: {why}", event.at_s, describe(fault))

@@ -59,7 +59,15 @@ impl Flight {
         let received: Vec<_> = messages.iter().map(|&message| Received { message, at: now.local }).collect();
         self.agent.step(
             now,
-            &Inputs { measurement, received: &received, broadcast: Broadcast::default(), leave: false, answer: None },
+            &Inputs {
+                measurement,
+                received: &received,
+                broadcast: Broadcast::default(),
+                strangers: StrangersReceived::default(),
+                intents: &[],
+                leave: false,
+                answer: None,
+            },
         )
     }
 

@@ -22,6 +22,9 @@
 //! The sum of both shares remains ḣ ≥ −κ h, even with different c. With this, four vehicles at 4 m/s stay within 40 m
 //! of their centre; with everything counted over the ground they do not stay within 60 m.
 //!
+//! **Strangers.** A vehicle of another team may fly any law, and may not know of this one. So this vehicle ensures all of
+//! ḣ ≥ −κ h alone, with the stranger's velocity as last received. If both do, they clear each other sooner.
+//!
 //! **Deadlock.** Vehicles that meet head-on would wait forever. A restricted velocity is first turned right by 37° or,
 //! if that leaves almost nothing of it, by 90° or 135°. With 37° alone, sixteen vehicles can swap sides of a ring of
 //! 60 m, but from random starts one swarm in ten ends in a knot of three or four vehicles that block each other. With
@@ -88,6 +91,20 @@ impl SafetyFilter {
         let keep_m = self.distance_m.max(clear_m);
         let h = from_other_m.norm_squared() - keep_m * keep_m;
         Constraint { along_m: from_other_m.xy(), least: -self.rate_per_s / 4.0 * h }
+    }
+
+    /// The constraint for clearing a vehicle that flies at `their_ne_m_s` and may not know of this one: this vehicle ensures
+    /// all of ḣ ≥ −κ h, (p_i − p_j)·w ≥ −(κ/2) h + (p_i − p_j)·(v_j − c), for its velocity w relative to the feed-forward c.
+    /// `from_other_m` and `clear_m` are those of [`Self::constraint`].
+    pub fn constraint_alone(
+        &self,
+        from_other_m: Vector3<f64>,
+        clear_m: f64,
+        their_ne_m_s: Vector2<f64>,
+        carried_ne_m_s: Vector2<f64>,
+    ) -> Constraint {
+        let Constraint { along_m, least } = self.constraint(from_other_m, clear_m);
+        Constraint { along_m, least: 2.0 * least + along_m.dot(&(their_ne_m_s - carried_ne_m_s)) }
     }
 
     /// Distance beyond which no vehicle and no obstacle with a radius of up to `obstacle_m` restricts a velocity of up to

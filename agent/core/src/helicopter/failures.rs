@@ -109,6 +109,7 @@ impl Failure {
             Fault::SimulatorFreeze { vehicle } => (vehicle, Self::SimulatorFrozen),
             Fault::Kill { .. }
             | Fault::KillControl
+            | Fault::Isolate { .. }
             | Fault::Cut { .. }
             | Fault::Delay { .. }
             | Fault::ClockJump { .. } => return None,

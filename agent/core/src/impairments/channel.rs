@@ -14,7 +14,7 @@ use skein_common::time::LocalTime;
 use super::Delivery;
 use crate::gilbert::Gilbert;
 use crate::peers::PeerMessage;
-use crate::random;
+use crate::random::{self, Purpose};
 
 /// Size of a message on the wire beyond its encoding, bytes. Measured on a mesh of TCP links: 20 of Zenoh's framing and
 /// 52 of IPv4 and TCP with timestamps, with piggybacked acknowledgements. Ethernet's preamble, header, checksum and gap
@@ -46,15 +46,35 @@ struct Chance {
 impl Channel {
     /// The direction from `sender`, `None` for an operator, to `receiver`.
     pub(super) fn new(quality: Quality, seed: u64, sender: Option<VehicleId>, receiver: VehicleId) -> Self {
-        let generator = random::link_generator(seed, sender, receiver);
+        Self::with(quality, random::link_generator(seed, sender, receiver))
+    }
+
+    /// The channel that carries the states of all vehicles of other teams to `receiver`. It has no bandwidth: they share
+    /// no link.
+    pub(super) fn of_strangers(quality: Quality, seed: u64, receiver: VehicleId) -> Self {
+        let quality = Quality { bandwidth_bit_s: None, ..quality };
+        Self::with(quality, random::generator(seed, Some(receiver), Purpose::Strangers))
+    }
+
+    fn with(quality: Quality, generator: ChaCha8Rng) -> Self {
         let burst = quality.burst_s.map(|mean_s| Burst { model: Gilbert::new(quality.loss, mean_s), before: None });
         Self { quality, generator, burst, free_at: LocalTime::ZERO }
     }
 
     /// Delivery of a message sent at `at`, with this share of messages lost by distance.
     pub(super) fn fate(&mut self, message: &PeerMessage, at: LocalTime, lost_by_distance: f64) -> Delivery {
+        self.fate_of(|| size_bytes(message), at, lost_by_distance)
+    }
+
+    /// Delivery of a message of this size, bytes, as in [`Self::fate`].
+    pub(super) fn fate_of(
+        &mut self,
+        size_bytes: impl FnOnce() -> usize,
+        at: LocalTime,
+        lost_by_distance: f64,
+    ) -> Delivery {
         let chance = self.draw();
-        let Some(sent_at) = self.through_queue(message, at) else { return Delivery::QueueFull };
+        let Some(sent_at) = self.through_queue(size_bytes, at) else { return Delivery::QueueFull };
         let is_lost = match &mut self.burst {
             Some(burst) => burst.is_on(sent_at, chance.loss),
             None => chance.loss < self.quality.loss,
@@ -84,13 +104,13 @@ impl Channel {
     }
 
     /// The time at which the message has left the queue; `None` if it would have to wait too long.
-    fn through_queue(&mut self, message: &PeerMessage, at: LocalTime) -> Option<LocalTime> {
+    fn through_queue(&mut self, size_bytes: impl FnOnce() -> usize, at: LocalTime) -> Option<LocalTime> {
         let Some(bandwidth_bit_s) = self.quality.bandwidth_bit_s else { return Some(at) };
         let begins_at = self.free_at.max(at);
         if begins_at.seconds_since(at) > self.quality.queue_s {
             return None;
         }
-        self.free_at = begins_at.plus_seconds(8.0 * size_bytes(message) as f64 / bandwidth_bit_s);
+        self.free_at = begins_at.plus_seconds(8.0 * size_bytes() as f64 / bandwidth_bit_s);
         Some(self.free_at)
     }
 }

@@ -37,16 +37,21 @@ struct Sender {
 
 /// Loss by distance.
 #[derive(Clone, Copy, Debug)]
-struct Range {
+pub(super) struct Range {
     fade_m: f64,
     range_m: f64,
 }
 
 impl Range {
+    /// The loss by distance of this network, if it has any.
+    pub(super) fn of(network: &Network) -> Option<Self> {
+        network.range_m.map(|range_m| Self { fade_m: network.fade_m.unwrap_or(range_m), range_m })
+    }
+
     /// Share of messages lost at this distance: 0 up to `fade_m`, 1 from `range_m`, and s²·(3 − 2s) at the fraction s
     /// between them. The formula is ours: smooth, monotone, and S-shaped like the transitional region of real radios
     /// (Zúñiga and Krishnamachari 2004).
-    fn loss_at(self, distance_m: f64) -> f64 {
+    pub(super) fn loss_at(self, distance_m: f64) -> f64 {
         if distance_m >= self.range_m {
             1.0
         } else if distance_m <= self.fade_m {
@@ -76,7 +81,7 @@ enum NeighbourSelection {
 impl ReceiverChannels {
     /// The channels to vehicle `own`; `None` if all links have only the same delay.
     pub(super) fn new(scenario: &Scenario, own: VehicleId) -> Option<Self> {
-        let Network { range_m, fade_m, graph, ref links, .. } = scenario.network;
+        let Network { range_m, graph, ref links, .. } = scenario.network;
         let everywhere = scenario.network.quality();
         if links.is_empty() && range_m.is_none() && graph == Graph::All && only_delays(&everywhere) {
             return None;
@@ -100,7 +105,7 @@ impl ReceiverChannels {
         Some(Self {
             senders: scenario.ids().filter(|&id| id != own).map(sender).collect(),
             operator: Channel::new(everywhere, scenario.seed, None, own),
-            range: range_m.map(|range_m| Range { fade_m: fade_m.unwrap_or(range_m), range_m }),
+            range: Range::of(&scenario.network),
             selection,
             stale_s: scenario.network.peer_stale_s,
             own_position: None,
@@ -169,7 +174,7 @@ impl NeighbourSelection {
     }
 }
 
-fn only_delays(quality: &Quality) -> bool {
+pub(super) fn only_delays(quality: &Quality) -> bool {
     let Quality { loss, jitter_s, reorder, duplicate, bandwidth_bit_s, .. } = *quality;
     bandwidth_bit_s.is_none() && [loss, jitter_s, reorder, duplicate] == [0.0; 4]
 }

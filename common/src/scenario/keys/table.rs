@@ -426,7 +426,7 @@ pub(in crate::scenario) const REMOVED: &[Removed] =
 /// Keys of an event besides `at_s` and `for_s`: the event's kind, its required keys, its optional keys.
 pub(in crate::scenario) type Rule = (&'static str, &'static [&'static str], &'static [&'static str]);
 
-const FAULT_RULES: [Rule; 10] = [
+const FAULT_RULES: [Rule; 11] = [
     ("kill", &["vehicle"], &[]),
     ("cut", &["from", "to"], &["both_ways"]),
     ("delay", &["from", "to", "delay_s"], &["both_ways"]),
@@ -437,6 +437,7 @@ const FAULT_RULES: [Rule; 10] = [
     ("gps_frozen", &["vehicle"], &[]),
     ("clock_jump", &["vehicle"], &["by_s"]),
     ("kill_control", &[], &[]),
+    ("isolate", &[], &["both_ways"]),
 ];
 const ORDER_RULES: [Rule; 4] = [("hold", &[], &[]), ("goto", &["step"], &[]), ("land", &[], &[]), ("abort", &[], &[])];
 

@@ -141,6 +141,12 @@ pub enum Fault {
     /// The central controller of `control.mode = "central"` is killed, and every vehicle loses control. It is restarted
     /// after `for_s`. The time counts from the swarm's first take-off.
     KillControl,
+    /// The team receives no state of the other teams of its fleet, in virtual time. The time counts from the team's first
+    /// take-off.
+    Isolate {
+        /// Whether the other teams receive none of it, either.
+        both_ways: bool,
+    },
 }
 
 /// Servo of a fault, `servo`.

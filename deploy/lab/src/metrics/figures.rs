@@ -90,12 +90,23 @@ pub const FIGURES: [Figure; 54] = [
     figure("never", "keys", None, "Figures whose event could have happened but never did."),
 ];
 
+/// The figures of a fleet alone, besides [`FIGURES`] over all of its teams.
+#[rustfmt::skip]
+pub const FLEET_FIGURES: [Figure; 6] = [
+    figure("teams", "teams", None, "Number of teams."),
+    figure("across_separation_m", "m", Some(Less), "Least distance of two vehicles of different teams that are both above 2 m. `nearest_across` names them."),
+    figure("across_collisions", "pairs", Some(More), "Pairs of vehicles of different teams, both above 2 m, that came nearer than 2 m; `collisions` counts them too."),
+    figure("stranger_states", "messages", Some(More), "States that vehicles have received from other teams."),
+    figure("surrounded_messages_per_s", "messages/s", Some(More), "Messages that a vehicle receives in a second, states and heartbeats of its team and states of others, as a mean over the vehicles with a vehicle in each of their nine cells."),
+    figure("surrounded_bytes_per_s", "bytes/s", Some(More), "Payload of those messages in a second."),
+];
+
 /// The only figures that may differ between two runs of the same scenario and seed in virtual time.
 pub const WALL_CLOCK_KEYS: [&str; 5] = ["wall_s", "real_time_factor", "step_p50_us", "step_p99_us", "frame_overruns"];
 
 /// Finds the figure with this key.
 pub fn of(key: &str) -> Option<&'static Figure> {
-    FIGURES.iter().find(|figure| figure.key == key)
+    FIGURES.iter().chain(&FLEET_FIGURES).find(|figure| figure.key == key)
 }
 
 /// The figures that can be better or worse, each with the direction in which it gets worse.

@@ -10,7 +10,7 @@ use super::{InFormation, Metrics, STEADY_S};
 use skein_common::statistics::quantile;
 
 /// Identity of a run: scenario, seed and program.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Run {
     /// Name of the scenario.
     pub scenario: String,

@@ -39,7 +39,7 @@ pub(super) fn fault() -> Value {
 /// kind for each key. Therefore every subschema is inlined, a key that may be null has the kind of its other values
 /// (its description states when it is null), and a key with values of several kinds is described in the description of
 /// the message.
-fn of<T: JsonSchema>(title: &str) -> Value {
+pub(super) fn of<T: JsonSchema>(title: &str) -> Value {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|settings| settings.inline_subschemas = true);
     let settings =
         settings.with_transform(RecursiveTransform(name_choices)).with_transform(RecursiveTransform(drop_null));

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 use super::page::{Page, Part, Section};
-use super::{flight_parts, recording, slug};
+use super::{fleet, flight_parts, recording, slug};
 use crate::compare::folder::{Flown, Folder};
 use crate::error::Error;
 use crate::record;
@@ -413,7 +413,8 @@ fn axis(key: &str) -> Axis {
 /// Sections with the recorded runs: the worst and the median run of each point, up to [`MOST_FLIGHTS`].
 fn flights(folder: &Folder, points: &[Point<'_>]) -> Result<Vec<Section>, Error> {
     let mut sections: Vec<Section> = Vec::new();
-    let recorded = |run: &&&Flown| run.folder.join(record::FILE).is_file();
+    let recorded =
+        |run: &&&Flown| [record::FILE, record::FLEET_FILE].iter().any(|file| run.folder.join(file).is_file());
     for point in points {
         let Some((worst, median)) = worst_and_median(&point.measured()) else { continue };
         let shown = if worst == median {
@@ -428,12 +429,19 @@ fn flights(folder: &Folder, points: &[Point<'_>]) -> Result<Vec<Section>, Error>
                 sections.iter_mut().last().into_iter().for_each(|last| last.parts.push(Part::Text(more.to_owned())));
                 return Ok(sections);
             }
-            let (recording, title) = recording(&run.folder.join(record::FILE))?;
             let inside = run.folder.strip_prefix(&folder.path).unwrap_or(&run.folder);
-            let parts = [&title, &point.name(), which].map(str::to_owned);
-            let title = parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ");
+            let titled = |title: &str| {
+                let parts = [title, &point.name(), which].map(str::to_owned);
+                parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ")
+            };
             let name = format!("flight-{}", slug(&inside.display().to_string())).trim_end_matches('-').to_owned();
-            sections.push(Section { title, name, parts: flight_parts(&recording) });
+            let fleet = titled(&format!("{}, seed {seed}", run.text("scenario").unwrap_or("The fleet")));
+            if let Some(section) = fleet::section(&run.folder, fleet, name.clone(), &subject(folder))? {
+                sections.push(section);
+                continue;
+            }
+            let (recording, title) = recording(&run.folder.join(record::FILE))?;
+            sections.push(Section { title: titled(&title), name, parts: flight_parts(&recording) });
         }
     }
     Ok(sections)

@@ -16,6 +16,7 @@ use crate::error::Error;
 use crate::scenario::{ScenarioArgs, quoted};
 use crate::terminal::json;
 use crate::terminal::{say, what_next};
+use skein_host::parallel::in_parallel;
 
 /// `skein study`
 #[derive(Clone, Debug, clap::Args)]
@@ -80,8 +81,8 @@ pub fn run(args: &StudyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
     let cores = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let jobs = plan.jobs.unwrap_or(NonZeroUsize::new(cores.get() / args.threads).unwrap_or(NonZeroUsize::MIN));
-    let runs = fly(&plan, jobs)?;
-    if !args.no_record {
+    let runs = fly(&plan, jobs, !args.no_record)?;
+    if !args.no_record && !plan.is_fleet {
         record(&plan, &runs, jobs)?;
     }
 
@@ -138,13 +139,20 @@ fn next(out: &str, args: &StudyArgs, runs: &[Measured]) -> String {
 }
 
 /// All runs in their order; those that were there already are only read.
-fn fly(plan: &Plan, jobs: NonZeroUsize) -> Result<Vec<Measured>, Error> {
+fn fly(plan: &Plan, jobs: NonZeroUsize, is_recorded: bool) -> Result<Vec<Measured>, Error> {
     let mut there: Vec<Option<Measured>> = (0..plan.runs()).map(|nth| plan.run(nth).measured()).collect();
     let left: Vec<usize> = (0..there.len()).filter(|&nth| there[nth].is_none()).collect();
     if left.len() < there.len() {
         eprintln!("{} of {} runs are there already", there.len() - left.len(), there.len());
     }
     let progress = Progress::new(there.len(), there.len() - left.len());
+    if plan.is_fleet {
+        let flown = in_parallel(left.len(), jobs, |nth| {
+            plan.run(left[nth]).fly_fleet(is_recorded).inspect(|_| progress.inc())
+        })?;
+        left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
+        return Ok(there.into_iter().flatten().collect());
+    }
     let begin = |nth: usize| {
         let run = plan.run(left[nth]);
         run.begin().map(|(files, flight)| ((run, files), flight))

@@ -127,7 +127,7 @@ impl SeedFlight {
 }
 
 /// Shows the world's last tick to the observer; the vehicles' steps only if they are `due`.
-fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
+pub(super) fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
     let t_s = world.t_s() - zero_s;
     world.faults().iter().for_each(|fault| watch.fault(t_s, fault));
     world.events().iter().for_each(|(sender, what)| watch.event(t_s, *sender, what));

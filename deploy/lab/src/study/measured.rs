@@ -4,9 +4,10 @@
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 
+use serde::Serialize;
 use serde_json::Value;
 
-use crate::metrics::{Direction, Report, figures};
+use crate::metrics::{Direction, figures};
 
 /// The figures of one run.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +33,7 @@ pub enum Outcome {
 
 impl Measured {
     /// As [`Measured::read`] gives it back once it is written.
-    pub fn of(report: &Report) -> Self {
+    pub fn of(report: &impl Serialize) -> Self {
         #[expect(clippy::expect_used, reason = "what we write we can read")]
         Self::read(&crate::terminal::json(report)).expect("a report is a metrics.json")
     }

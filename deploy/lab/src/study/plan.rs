@@ -20,8 +20,9 @@ use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
 use serde_json::{Value, json};
-use skein_common::scenario::{Loaded, Scenario};
+use skein_common::scenario::{ControlMode, Described, Loaded, RecordRuns, SafetyFilter, Scenario};
 use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
 use skein_host::atomic_file::{self, Durability};
@@ -31,7 +32,7 @@ use skein_host::external::protocol::Time;
 use super::flight::SeedFlight;
 use super::measured::Measured;
 use super::sweep::{self, Point, Sweep};
-use super::{Study, StudyArgs, StudyError};
+use super::{FleetRecording, FleetStudy, Study, StudyArgs, StudyError};
 use crate::error::Error;
 use crate::external::{self, LawPool, Trial};
 use crate::metrics::Report;
@@ -57,6 +58,8 @@ pub struct Plan {
     /// Threads that step each run.
     threads: NonZeroUsize,
     is_swept: bool,
+    /// Whether the scenario is a fleet of teams.
+    pub is_fleet: bool,
     /// Where external laws wait for their next run.
     laws: LawPool,
 }
@@ -67,9 +70,10 @@ impl Plan {
     /// # Errors
     /// What stands against it; of a sweep, at which point.
     pub fn new(args: &StudyArgs) -> Result<Self, Error> {
-        let loaded = args.scenario.read(Vec::new())?;
-        let own = args.seed.unwrap_or(loaded.scenario.seed);
-        let points = sweep::points(&args.sweep, args.points, loaded.scenario.seed).map_err(Error::Refused)?;
+        let described = args.scenario.read_any(Vec::new())?;
+        let (name, seed) = (&described.first().scenario.name, described.seed());
+        let own = args.seed.unwrap_or(seed);
+        let points = sweep::points(&args.sweep, args.points, seed).map_err(Error::Refused)?;
         let mut plan = Self {
             scenario: args.scenario.clone(),
             points,
@@ -78,6 +82,7 @@ impl Plan {
             jobs: args.jobs,
             threads: args.threads,
             is_swept: !args.sweep.is_empty(),
+            is_fleet: matches!(described, Described::Fleet(_)),
             laws: LawPool::default(),
         };
         let seeds = usize::try_from(plan.seeds.end - plan.seeds.start).ok();
@@ -85,8 +90,8 @@ impl Plan {
             return Err(Error::Refused(format!("more than {MOST_RUNS} runs")));
         }
         let fingerprint = plan.check()?;
-        let study = plan.describe(&loaded.scenario, &args.sweep, fingerprint)?;
-        plan.out = plan.folder_for(&study, args.out.as_deref(), &loaded.scenario.name)?;
+        let study = plan.describe(name, &args.sweep, fingerprint)?;
+        plan.out = plan.folder_for(&study, args.out.as_deref(), name)?;
         write(&plan.out.join("study.json"), &crate::terminal::json(&study))?;
         Ok(plan)
     }
@@ -110,35 +115,63 @@ impl Plan {
         let mut trial = Trial::default();
         for point in 0..self.points.len() {
             let first = PlannedRun { plan: self, point, seed: self.seeds.start };
-            let loaded = first.read().map_err(|error| first.at_point(error))?;
+            let described = first.read().map_err(|error| first.at_point(error))?;
             if point == 0 {
-                loaded.notes.iter().for_each(|note| eprintln!("{note}"));
+                described.first().notes.iter().for_each(|note| eprintln!("{note}"));
             }
-            let ready = prepare(&self.scenario, &loaded.scenario, Time::Virtual, &mut trial);
-            let ready = ready.map_err(|error| first.at_point(error))?;
-            let mut scenario = loaded.scenario;
-            jobs = external::jobs(&scenario, jobs).map_err(|error| first.at_point(Error::Refused(error)))?;
-            for seed in self.seeds.clone() {
-                scenario.seed = seed;
-                let run = PlannedRun { seed, ..first };
-                starts(&scenario).map_err(|error| Error::Refused(format!("{run}: {error}")))?;
+            let mut like_before: Option<(Scenario, Ready)> = None;
+            for loaded in described.all() {
+                let mut scenario = loaded.scenario.clone();
+                self.check_team(&scenario).map_err(|error| first.at_point(error))?;
+                let ready = match like_before.take() {
+                    Some((before, ready)) if differ_only_in_place(&before, &scenario) => ready,
+                    _ => prepare(&self.scenario, &scenario, Time::Virtual, &mut trial)
+                        .map_err(|error| first.at_point(error))?,
+                };
+                jobs = external::jobs(&scenario, jobs).map_err(|error| first.at_point(Error::Refused(error)))?;
+                for seed in self.seeds.clone() {
+                    scenario.seed = scenario.team.map_or(seed, |team| team.id.seed(seed));
+                    let run = PlannedRun { seed, ..first };
+                    starts(&scenario).map_err(|error| Error::Refused(format!("{run}: {error}")))?;
+                }
+                values_of(&scenario).hash(&mut hasher);
+                ready.aircraft_files.hash(&mut hasher);
+                format!("{:?}", ready.rules).hash(&mut hasher);
+                law_files.extend(files_of_law(&scenario));
+                like_before = Some((scenario, ready));
             }
-            values_of(&scenario).hash(&mut hasher);
-            ready.aircraft_files.hash(&mut hasher);
-            format!("{:?}", ready.rules).hash(&mut hasher);
-            law_files.extend(files_of_law(&scenario));
         }
         law_files.iter().try_for_each(|path| hash_file(path, &mut hasher))?;
         self.jobs = jobs;
         Ok(hasher.finish())
     }
 
-    fn describe(&self, scenario: &Scenario, sweeps: &[Sweep], fingerprint: u64) -> Result<Value, Error> {
+    /// Checks what only matters to a team of a fleet.
+    fn check_team(&self, scenario: &Scenario) -> Result<(), Error> {
+        let Some(team) = scenario.team else { return Ok(()) };
+        let refused = |why: &str| Err(Error::Refused(format!("{}: team {}: {why}", self.scenario.name(), team.id)));
+        if is_external(scenario) {
+            return refused("an external law flies one swarm, not a team of a fleet");
+        }
+        if scenario.control.mode == ControlMode::Central {
+            return refused("`control.mode` = \"central\" is for one swarm, not for a team of a fleet");
+        }
+        if scenario.formation.safety_filter != SafetyFilter::Cbf {
+            let name = self.scenario.name();
+            eprintln!(
+                "{name}: team {} does not avoid the other teams: that takes `formation.safety_filter` = \"cbf\"",
+                team.id
+            );
+        }
+        Ok(())
+    }
+
+    fn describe(&self, name: &str, sweeps: &[Sweep], fingerprint: u64) -> Result<Value, Error> {
         let own = env::current_exe().map_err(|error| Error::Failed(format!("the program itself: {error}")))?;
         let mut program = DefaultHasher::new();
         hash_file(&own, &mut program)?;
         Ok(json!({
-            "scenario": scenario.name,
+            "scenario": name,
             "version": crate::VERSION,
             "revision": crate::REVISION,
             "seeds": format!("{}..{}", self.seeds.start, self.seeds.end),
@@ -175,6 +208,12 @@ impl Plan {
         }
         std::path::absolute(out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))
     }
+}
+
+/// Whether two scenarios differ at most in the place and the seed of their teams.
+fn differ_only_in_place(one: &Scenario, other: &Scenario) -> bool {
+    let Scenario { seed, ref origin, team, .. } = *other;
+    Scenario { seed, origin: origin.clone(), team, ..one.clone() } == *other
 }
 
 /// Every value of a scenario.
@@ -258,6 +297,58 @@ impl PlannedRun<'_> {
         self.ready().map(|(study, text, _)| (study, text))
     }
 
+    /// Flies the run of a fleet and writes its files. It is recorded while it flies, because a fleet's recording is small.
+    ///
+    /// # Errors
+    /// The reason, with the name of the run.
+    pub(super) fn fly_fleet(&self, is_recorded: bool) -> Result<Measured, Error> {
+        let (study, texts, aircraft) = self.fleet()?;
+        let folder = self.folder();
+        let (text, teams_toml) = texts;
+        let recording = FleetRecording { folder: &folder, scenario_toml: &text, teams_toml: &teams_toml };
+        let is_recorded = is_recorded && study.teams.iter().any(|team| team.scenario.record.runs != RecordRuns::None);
+        let report = study.fly(self.plan.threads, is_recorded.then_some(&recording));
+        let report = report.map_err(|error| Error::Failed(format!("{self}: {error}")))?;
+        drop(study);
+        write(&folder.join("teams.csv"), &report.teams_csv())?;
+        self.write(&RunFiles { scenario: text, aircraft }, &report)?;
+        Ok(report.measured())
+    }
+
+    /// The studies of a fleet's teams, the complete file with those of the teams that are recorded, and the texts of the
+    /// aircraft.
+    fn fleet(&self) -> Result<(FleetStudy, (String, Vec<String>), BTreeMap<String, String>), Error> {
+        let described = self.read()?;
+        let text = described.to_toml();
+        let origin = described.first().scenario.team.map(|team| team.origin);
+        let Described::Fleet(loaded) = described else { return Err(self.changed()) };
+        let own_file = |team: &Loaded| match team.scenario.team {
+            Some(place) if place.is_recorded => team.to_toml(),
+            _ => String::new(),
+        };
+        let teams_toml = loaded.iter().map(own_file).collect();
+        let mut teams: Vec<Study> = Vec::with_capacity(loaded.len());
+        let mut aircraft_files = BTreeMap::new();
+        for Loaded { scenario, .. } in loaded {
+            let before = teams.last().filter(|before| differ_only_in_place(&before.scenario, &scenario));
+            let (aircraft, rules) = match before {
+                Some(before) => (before.aircraft.clone(), before.rules.clone()),
+                None => {
+                    let ready = self.plan.scenario.ready(&scenario)?;
+                    aircraft_files.extend(ready.aircraft_files);
+                    (ready.aircraft, ready.rules)
+                }
+            };
+            teams.push(Study { scenario, aircraft, rules, laws: LawPool::default() });
+        }
+        let origin = origin.ok_or_else(|| self.changed())?;
+        Ok((FleetStudy { teams, seed: self.seed, origin }, (text, teams_toml), aircraft_files))
+    }
+
+    fn changed(&self) -> Error {
+        Error::Refused(format!("{self}: the scenario has changed since the study began"))
+    }
+
     /// Flies it and writes its files.
     ///
     /// # Errors
@@ -277,14 +368,19 @@ impl PlannedRun<'_> {
     /// Writes its files, its flight being over.
     pub(super) fn end(&self, files: &RunFiles, report: Result<Report, StudyError>) -> Result<Measured, Error> {
         let report = report.map_err(|error| self.failed(&error))?;
+        self.write(files, &report)?;
+        Ok(Measured::of(&report))
+    }
+
+    /// Writes the files of a run, the figures last.
+    fn write(&self, files: &RunFiles, report: &impl Serialize) -> Result<(), Error> {
         let folder = self.folder();
         write(&folder.join("scenario.toml"), &files.scenario)?;
         // With these beside it, it flies again from here alone.
         let is_shipped = |name: &str| Aircraft::SHIPPED.iter().any(|(shipped, _)| *shipped == name);
         let mut own = files.aircraft.iter().filter(|(name, _)| !is_shipped(name));
         own.try_for_each(|(name, text)| write(&folder.join(format!("{name}.toml")), text))?;
-        write(&folder.join("metrics.json"), &crate::terminal::json(&report))?;
-        Ok(Measured::of(&report))
+        write(&folder.join("metrics.json"), &crate::terminal::json(report))
     }
 
     fn failed(&self, error: &StudyError) -> Error {
@@ -293,16 +389,16 @@ impl PlannedRun<'_> {
 
     /// Also with the files of its aircraft.
     fn ready(&self) -> Result<(Study, String, BTreeMap<String, String>), Error> {
-        let loaded = self.read()?;
+        let Described::Swarm(loaded) = self.read()? else { return Err(self.changed()) };
         let Ready { aircraft, rules, aircraft_files, .. } = self.plan.scenario.ready(&loaded.scenario)?;
         let text = loaded.to_toml();
         let laws = self.plan.laws.clone();
         Ok((Study { scenario: loaded.scenario, aircraft, rules, laws }, text, aircraft_files))
     }
 
-    fn read(&self) -> Result<Loaded, Error> {
+    fn read(&self) -> Result<Described, Error> {
         let point = self.plan.points[self.point].sets();
-        self.plan.scenario.read(point.chain([format!("seed={}", self.seed)]).collect())
+        self.plan.scenario.read_any(point.chain([format!("seed={}", self.seed)]).collect())
     }
 
     /// Names the point, if there is more than one.

@@ -76,7 +76,7 @@ pub enum RecordRunError {
 }
 
 /// What log times count from.
-const CLOCK: &str = "virtual: 0 is the beginning of the window of the figures";
+pub(super) const CLOCK: &str = "virtual: 0 is the beginning of the window of the figures";
 
 /// Flies one seed again and records it at `path`, at the scenario's `record.hz`; `as_flown` is that seed's complete scenario
 /// file. The file appears when it is whole. The flight, and so its report, is the same as without a recorder.

@@ -37,13 +37,13 @@ use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::LawQuery;
 use skein_core::impairments::{Impairments, ReceiverPosition};
 use skein_core::outbox::Outbox;
-use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState};
+use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Command, Measurement};
 
 use super::TICK_NS;
 use super::driver::{Driver, TakeOutputs};
 use super::script::ScriptedAction;
-use super::vehicle::Vehicle;
+use super::vehicle::{Arriving, Vehicle};
 use crate::faults::{Schedule, control_kills};
 use crate::metrics::Totals;
 
@@ -215,7 +215,7 @@ impl Central {
         link.plant_time = newest.map_or(link.plant_time, |(plant_time, _)| plant_time);
         let measurement = newest.as_ref().map(|(_, measurement)| measurement);
         let Outputs { command, outbox, ask } =
-            vehicle.step(now, (link.plant_time, measurement), Broadcast::default())?;
+            vehicle.step(now, (link.plant_time, measurement), Arriving::default())?;
         if let Some(command) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };
@@ -287,7 +287,7 @@ impl Driver for Central {
     fn frame(
         &mut self,
         now: LocalTime,
-        _: Broadcast<'_>,
+        _: Arriving<'_>,
         vehicles: &mut [Vehicle],
         _: NonZeroUsize,
         take: &mut TakeOutputs<'_>,

@@ -9,18 +9,17 @@ use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
 use skein_core::formation::external::LawQuery;
 use skein_core::outbox::Outbox;
-use skein_core::peers::Broadcast;
 use skein_host::parallel::at_once;
 
 use super::script::ScriptedAction;
-use super::vehicle::Vehicle;
+use super::vehicle::{Arriving, Vehicle};
 use crate::metrics::Totals;
 
 /// Accepts the messages and the query that the agent of a vehicle sends in one step.
 pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<LawQuery>) + 'a;
 
 /// Steps the agents of a world, one frame at a time.
-pub(super) trait Driver: Debug {
+pub(super) trait Driver: Debug + Send {
     /// The scenario that the agents receive from this driver.
     fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario;
 
@@ -37,12 +36,12 @@ pub(super) trait Driver: Debug {
     fn broadcasts(&self) -> bool;
 
     /// Simulates the agents' part of one frame: every vehicle is read, every agent that is due steps, and every
-    /// vehicle has its controls. The plants move afterwards. `arriving` are the messages to all vehicles, for those that
-    /// take them in place.
+    /// vehicle has its controls. The plants move afterwards. `arriving` is for those vehicles that
+    /// take it in place.
     fn frame(
         &mut self,
         now: LocalTime,
-        arriving: Broadcast<'_>,
+        arriving: Arriving<'_>,
         vehicles: &mut [Vehicle],
         threads: NonZeroUsize,
         take: &mut TakeOutputs<'_>,
@@ -82,7 +81,7 @@ impl Driver for Decentralised {
     fn frame(
         &mut self,
         now: LocalTime,
-        arriving: Broadcast<'_>,
+        arriving: Arriving<'_>,
         vehicles: &mut [Vehicle],
         threads: NonZeroUsize,
         take: &mut TakeOutputs<'_>,
@@ -112,7 +111,7 @@ impl Driver for Decentralised {
 }
 
 /// One frame of a vehicle with the agent beside it: what the agent gives, of which the vehicle has the command.
-fn step(now: LocalTime, vehicle: &mut Vehicle, arriving: Broadcast<'_>) -> Option<Outputs> {
+fn step(now: LocalTime, vehicle: &mut Vehicle, arriving: Arriving<'_>) -> Option<Outputs> {
     let frame = vehicle.frame(now);
     let measurement = (!vehicle.simulator_frozen).then_some(&frame.measurement);
     let outputs = vehicle.step(now, (frame.time, measurement), arriving);

@@ -1,5 +1,7 @@
 //! One vehicle of a world: its helicopter, its failures, and the station with its agent.
 
+use std::mem;
+
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Heartbeat, Trace};
 use skein_common::scenario::Scenario;
@@ -11,12 +13,23 @@ use skein_core::control::Rules;
 use skein_core::formation::UnsupportedScenario;
 use skein_core::formation::external::LawReply;
 use skein_core::helicopter::Script;
+use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, Received};
 use skein_core::plant::{Command, Frame, GroundTruth, Measurement};
 use skein_core::station::{Clocks, Station};
+use skein_core::strangers::StrangerState;
 
 use super::script::{self, ScriptedAction};
 use crate::faults::Schedule;
+
+/// What the agents receive in a tick and may take in place.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Arriving<'a> {
+    /// The messages to all vehicles of the swarm.
+    pub(super) broadcast: Broadcast<'a>,
+    /// Groups of states of other teams; each vehicle receives one group.
+    pub(super) strangers: &'a [Vec<StrangerState>],
+}
 
 /// One vehicle with its agent.
 #[derive(Debug)]
@@ -36,6 +49,10 @@ pub(super) struct Vehicle {
     pub(super) incarnation: Incarnation,
     /// Clocks while no station runs; a running station has its own.
     pub(super) clocks: Clocks,
+    /// The group of states of other teams that the agent receives in the next tick.
+    pub(super) strangers: usize,
+    /// Intents of other teams that the agent receives in the next tick.
+    pub(super) intents: Vec<ReceivedIntent>,
     /// Answer of the external law for the next step.
     pub(super) answer: Option<LawReply>,
     /// The newest heartbeat, which a restarted agent receives first.
@@ -67,6 +84,8 @@ impl Vehicle {
             takes_broadcast: false,
             incarnation: Incarnation(1),
             clocks: Clocks::new(scenario, id),
+            strangers: 0,
+            intents: Vec::new(),
             answer: None,
             heartbeat: None,
             plant_time: PlantTime::ZERO,
@@ -111,6 +130,18 @@ impl Vehicle {
         }
     }
 
+    /// Hands the intents and states of other teams to the station, if the agent runs; the station applies the impairments.
+    /// States that it takes in place are left out.
+    pub(super) fn receive_strangers(&mut self, now: LocalTime, groups: &[Vec<StrangerState>]) {
+        let intents = mem::take(&mut self.intents);
+        let Some(station) = &mut self.station else { return };
+        station.receive_intents(now, intents);
+        if !station.receives_strangers_at_once() {
+            let states = groups.get(self.strangers).into_iter().flatten();
+            station.receive_strangers(now, states.copied());
+        }
+    }
+
     /// The plant's frame under its present failures.
     pub(super) fn frame(&mut self, now: LocalTime) -> Frame {
         let script = self.clocks().flown_s(now).map(|flown_s| self.script.at(flown_s)).unwrap_or_default();
@@ -126,12 +157,14 @@ impl Vehicle {
         &mut self,
         now: LocalTime,
         plant: (PlantTime, Option<&Measurement>),
-        arriving: Broadcast<'_>,
+        arriving: Arriving<'_>,
     ) -> Option<Outputs> {
         let station = self.station.as_mut()?;
         let answer = self.answer.take();
-        let broadcast = if self.takes_broadcast { arriving } else { Broadcast::default() };
-        Some(station.step(now, plant, false, answer.as_ref(), broadcast))
+        let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
+        let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());
+        let strangers = group.map_or(&[][..], Vec::as_slice);
+        Some(station.step(now, plant, false, answer.as_ref(), broadcast, strangers))
     }
 
     pub(super) fn trace(&mut self, now: LocalTime) -> Option<Trace> {

@@ -1,0 +1,176 @@
+//! One flight of a fleet: its teams fly round by round, each in a world of its own, and share the air.
+//!
+//! A round is [`ROUND_TICKS`] frames. Within a round no team needs another, so a team flies its whole round while its
+//! memory is in the processor's cache, and the threads share the teams. What comes out does not depend on their number.
+
+mod across;
+mod report;
+mod sky;
+mod team;
+
+use std::num::NonZeroUsize;
+use std::path::Path;
+
+use skein_common::frame::Origin;
+use skein_common::scenario::OriginSettings;
+use skein_core::helicopter::TICK_S;
+use skein_host::clock::now;
+use skein_host::parallel::at_once;
+
+use super::recorded::RecordRunError;
+use super::{JOIN_LIMIT_S, Study, StudyError, longest_s};
+use crate::metrics::{Run, Wall};
+use crate::record::{self, FleetWriter, RecordError};
+use across::Across;
+pub use report::{FleetReport, OverTeams, over_teams};
+use sky::Sky;
+use team::Team;
+
+/// Number of frames of a round: 0.2 s, the longest period of a state. With half of it, ten thousand vehicles cost a quarter
+/// more, because each round brings a team's memory into the cache once.
+const ROUND_TICKS: u64 = 10;
+
+/// What every seed of a study of a fleet shares.
+#[derive(Debug)]
+pub struct FleetStudy {
+    /// The study of each team, in order. Their scenarios have [`Scenario::team`](skein_common::scenario::Scenario::team),
+    /// and seeds that follow from the fleet's.
+    pub teams: Vec<Study>,
+    /// The fleet's seed.
+    pub seed: u64,
+    /// The fleet's origin.
+    pub origin: OriginSettings,
+}
+
+/// Where a flight of a fleet is recorded.
+#[derive(Clone, Copy, Debug)]
+pub struct FleetRecording<'a> {
+    /// The folder of the run.
+    pub folder: &'a Path,
+    /// The complete file of the fleet.
+    pub scenario_toml: &'a str,
+    /// The complete scenario file of each team, in order.
+    pub teams_toml: &'a [String],
+}
+
+impl FleetStudy {
+    /// Flies the fleet from the ground to the end of the longest team's window, or until all missions have ended, in this
+    /// many threads.
+    ///
+    /// # Errors
+    /// If a scenario cannot be flown, a vehicle does not join, or the recording cannot be written.
+    pub fn fly(
+        &self,
+        threads: NonZeroUsize,
+        recording: Option<&FleetRecording<'_>>,
+    ) -> Result<FleetReport, RecordRunError> {
+        FleetFlight::new(self, recording)?.fly(threads)
+    }
+}
+
+/// One flight of a fleet, from the ground to the end.
+struct FleetFlight {
+    run: Run,
+    /// Origin of the fleet's frame.
+    origin: Origin,
+    teams: Vec<Team>,
+    sky: Sky,
+    across: Across,
+    recorder: Option<FleetWriter>,
+    /// Number of rounds between two recorded places.
+    record_rounds: u64,
+    /// Beginning of the figures' window; `None` while vehicles still join, s.
+    zero_s: Option<f64>,
+    ticks: u64,
+    most_ticks: u64,
+}
+
+impl FleetFlight {
+    fn new(study: &FleetStudy, recording: Option<&FleetRecording<'_>>) -> Result<Self, RecordRunError> {
+        let mut teams = Vec::with_capacity(study.teams.len());
+        for (nth, team) in study.teams.iter().enumerate() {
+            let toml = recording.and_then(|recording| Some((recording.folder, recording.teams_toml.get(nth)?)));
+            teams.push(Team::new(team, toml)?);
+        }
+        let first = study.teams.first().map(|team| &team.scenario);
+        let origin = Origin::new(study.origin.geodetic());
+        let longest_s = study.teams.iter().map(|team| longest_s(&team.scenario)).fold(0.0, f64::max);
+        let mut run = first.map(|scenario| Run::new(scenario, "study")).unwrap_or_default();
+        run.vehicles = study.teams.iter().map(|team| team.scenario.swarm.vehicles).sum();
+        run.seed = study.seed;
+        let recorder = |recording: &FleetRecording<'_>| {
+            FleetWriter::new(&recording.folder.join(record::FLEET_FILE), &run, recording.scenario_toml)
+        };
+        let recorder = recording.map(recorder).transpose()?;
+        let record_hz = first.and_then(|scenario| scenario.team).map_or(1.0, |team| team.record_hz);
+        Ok(Self {
+            run,
+            origin,
+            teams,
+            sky: Sky::default(),
+            across: Across::new(origin),
+            recorder,
+            record_rounds: (1.0 / (record_hz * ROUND_TICKS as f64 * TICK_S)).round().max(1.0) as u64,
+            zero_s: None,
+            ticks: 0,
+            most_ticks: ((longest_s / TICK_S).round() as u64).next_multiple_of(ROUND_TICKS),
+        })
+    }
+
+    fn fly(mut self, threads: NonZeroUsize) -> Result<FleetReport, RecordRunError> {
+        let started = now();
+        while !self.is_over()? {
+            self.round(threads)?;
+        }
+        let wall_s = now().duration_since(started).as_secs_f64();
+        let flown_s = self.teams.first().map_or(0.0, Team::t_s);
+        let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
+        self.recorder.map_or(Ok(()), FleetWriter::finish)?;
+        let teams = self.teams.into_iter().map(|team| team.report(wall)).collect::<Result<_, _>>()?;
+        Ok(FleetReport::new(self.run, teams, &self.across, wall))
+    }
+
+    /// Whether no round follows.
+    fn is_over(&mut self) -> Result<bool, StudyError> {
+        if self.zero_s.is_none() {
+            let t_s = self.teams.first().map_or(0.0, Team::t_s);
+            if self.teams.iter().all(Team::all_active) {
+                self.zero_s = Some(t_s);
+            } else if t_s > JOIN_LIMIT_S {
+                return Err(StudyError::NeverActive);
+            }
+        }
+        let all_finished = || self.ticks > 0 && self.teams.iter().all(Team::has_finished);
+        Ok(self.zero_s.is_some() && (self.ticks >= self.most_ticks || all_finished()))
+    }
+
+    /// Flies one round of every team, and exchanges the states between them.
+    fn round(&mut self, threads: NonZeroUsize) -> Result<(), RecordError> {
+        let Self { origin, teams, sky, zero_s, .. } = self;
+        let (origin, zero_s) = (&*origin, *zero_s);
+        let share = teams.len().div_ceil(threads.get()).max(1);
+        {
+            let sky = &*sky;
+            at_once(teams.chunks_mut(share).map(|teams| {
+                move || {
+                    for team in teams {
+                        team.receive(sky, origin);
+                        (0..ROUND_TICKS).for_each(|_| team.tick(origin, zero_s));
+                        team.end_round(origin);
+                    }
+                }
+            }));
+        }
+        let places: Vec<_> = teams.iter().flat_map(|team| team.cells().iter().copied()).collect();
+        sky.exchange(teams.iter_mut().map(Team::sent), places.into_iter());
+        if let Some(recorder) = &mut self.recorder {
+            let with_places = (self.ticks / ROUND_TICKS).is_multiple_of(self.record_rounds);
+            teams.iter_mut().try_for_each(|team| team.record(recorder, origin, with_places))?;
+        }
+        if zero_s.is_some() {
+            self.across.observe(&teams.iter().map(Team::airborne).collect::<Vec<_>>(), self.ticks as f64 * TICK_S);
+            self.ticks += ROUND_TICKS;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,183 @@
+//! The figures of a fleet: those of all teams in one, and those across teams.
+
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
+use skein_common::id::TeamId;
+
+use super::across::Across;
+use super::team::TeamReport;
+use crate::metrics::figures::{FIGURES, FLEET_FIGURES};
+use crate::metrics::{Direction, Run, Wall};
+use crate::study::measured::Measured;
+
+/// How the figures of teams become one figure of the fleet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OverTeams {
+    /// The sum.
+    Sum,
+    /// The worst.
+    Worst(Direction),
+    /// The mean.
+    Mean,
+}
+
+/// Figures that add up over teams.
+const SUMS: [&str; 12] = [
+    "collisions",
+    "crashes",
+    "safety_activations",
+    "energy_j",
+    "disconnected_vehicles",
+    "forced_advances",
+    "false_suspicions",
+    "state_messages",
+    "state_bytes",
+    "frame_overruns",
+    "law_misses",
+    "never",
+];
+
+/// How this figure is taken over all teams; `None` if there is no such figure.
+pub fn over_teams(key: &str) -> Option<OverTeams> {
+    let figure = FIGURES.iter().find(|figure| figure.key == key)?;
+    Some(match figure.worse {
+        _ if SUMS.contains(&key) => OverTeams::Sum,
+        Some(direction) => OverTeams::Worst(direction),
+        None => OverTeams::Mean,
+    })
+}
+
+impl OverTeams {
+    /// The fleet's figure; `None` if no team has one.
+    fn of(self, values: &[f64]) -> Option<f64> {
+        let values = values.iter().copied();
+        match self {
+            Self::Sum => values.reduce(|sum, value| sum + value),
+            Self::Worst(Direction::More) => values.reduce(f64::max),
+            Self::Worst(Direction::Less) => values.reduce(f64::min),
+            Self::Mean if values.len() == 0 => None,
+            Self::Mean => Some(values.clone().sum::<f64>() / values.len() as f64),
+        }
+    }
+}
+
+/// What a flight of a fleet has measured. As JSON it is the `metrics.json` of a fleet.
+#[derive(Debug)]
+pub struct FleetReport {
+    run: Run,
+    /// Every figure of the fleet, in the order of the tables of figures.
+    figures: Vec<(&'static str, Option<f64>)>,
+    never: Vec<String>,
+    /// The two vehicles of different teams that came nearest to each other, and when.
+    nearest: Option<String>,
+    /// The figures of each team.
+    pub teams: Vec<(TeamId, Measured)>,
+}
+
+impl FleetReport {
+    pub(super) fn new(run: Run, teams: Vec<TeamReport>, across: &Across, wall: Wall) -> Self {
+        let own = teams.iter().map(|team| (team.own_per_s, team.report.run.vehicles as f64));
+        let own = own.fold((0.0, 0.0), |(messages, bytes), (per_s, vehicles)| {
+            (messages + per_s.0 * vehicles, bytes + per_s.1 * vehicles)
+        });
+        let own_per_s = (own.0 / run.vehicles.max(1) as f64, own.1 / run.vehicles.max(1) as f64);
+        let surrounded = teams
+            .iter()
+            .map(|team| team.received.surrounded)
+            .fold((0, 0, 0), |sum, team| (sum.0 + team.0, sum.1 + team.1, sum.2 + team.2));
+        let in_round = |count: u64| {
+            let round_s = super::ROUND_TICKS as f64 * super::TICK_S;
+            (surrounded.0 > 0).then(|| count as f64 / (surrounded.0 as f64 * round_s))
+        };
+        let strangers = teams.iter().map(|team| team.received.states).sum::<u64>();
+        let measured: Vec<_> = teams.iter().map(|team| (team.id, Measured::of(&team.report))).collect();
+        let least = across.least();
+        let across_teams = |key: &str| match key {
+            "teams" => Some(teams.len() as f64),
+            "across_separation_m" => least.map(|(least_m, _)| least_m),
+            "across_collisions" => Some(across.collisions() as f64),
+            "stranger_states" => Some(strangers as f64),
+            "surrounded_messages_per_s" => in_round(surrounded.1).map(|strangers| strangers + own_per_s.0),
+            "surrounded_bytes_per_s" => in_round(surrounded.2).map(|strangers| strangers + own_per_s.1),
+            _ => None,
+        };
+        let of_teams = |key: &'static str| {
+            let values: Vec<f64> = measured.iter().filter_map(|(_, team)| team.figures.get(key).copied()?).collect();
+            let over = over_teams(key).and_then(|over| over.of(&values));
+            match key {
+                "collisions" => over.map(|within| within + across.collisions() as f64),
+                "min_separation_m" => over.into_iter().chain(least.map(|(least_m, _)| least_m)).reduce(f64::min),
+                "wall_s" => Some(wall.wall_s),
+                "real_time_factor" => Some(wall.real_time_factor),
+                _ => over,
+            }
+        };
+        let of_fleet = FLEET_FIGURES.iter().map(|figure| (figure.key, across_teams(figure.key)));
+        let keys = FIGURES.iter().map(|figure| figure.key).filter(|key| *key != "never");
+        let figures = keys.map(|key| (key, of_teams(key))).chain(of_fleet).collect();
+        let mut never: Vec<String> = measured.iter().flat_map(|(_, team)| team.never.iter().cloned()).collect();
+        never.sort();
+        never.dedup();
+        let nearest = least.map(|(_, (one, other, at_s))| format!("{one} and {other} at {at_s:.2} s"));
+        Self { run, figures, never, nearest, teams: measured }
+    }
+
+    /// The figures of the whole fleet.
+    pub fn measured(&self) -> Measured {
+        Measured::of(self)
+    }
+
+    /// One row a team: its number, then every figure; an unmeasured figure is empty.
+    pub fn teams_csv(&self) -> String {
+        let keys: Vec<_> = FIGURES.iter().map(|figure| figure.key).filter(|key| *key != "never").collect();
+        let mut text = format!("team,{}\n", keys.join(","));
+        for (id, team) in &self.teams {
+            let cell = |key: &&str| team.figures.get(*key).copied().flatten().map(|value| value.to_string());
+            let cells: Vec<String> = keys.iter().map(|key| cell(key).unwrap_or_default()).collect();
+            text += &format!("{id},{}\n", cells.join(","));
+        }
+        text
+    }
+}
+
+impl Serialize for FleetReport {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        let Run { scenario, preset, law, conversion, plant, target, seed, version, revision, vehicles } = &self.run;
+        for (key, text) in
+            [("scenario", scenario), ("preset", preset), ("law", law), ("conversion", conversion), ("plant", plant)]
+        {
+            map.serialize_entry(key, text)?;
+        }
+        map.serialize_entry("target", target)?;
+        map.serialize_entry("seed", seed)?;
+        map.serialize_entry("version", version)?;
+        map.serialize_entry("revision", revision)?;
+        map.serialize_entry("vehicles", vehicles)?;
+        for (key, value) in &self.figures {
+            map.serialize_entry(key, value)?;
+        }
+        if let Some(nearest) = &self.nearest {
+            map.serialize_entry("nearest_across", nearest)?;
+        }
+        map.serialize_entry("never", &self.never)?;
+        map.end()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_figure_is_a_sum_the_worst_or_the_mean_of_the_teams() {
+        let of = |key: &str| over_teams(key).unwrap().of(&[1.0, 2.0, 6.0]);
+        assert_eq!(
+            [of("collisions"), of("in_band_s"), of("order"), of("duration_s")],
+            [Some(9.0), Some(6.0), Some(1.0), Some(3.0)]
+        );
+        assert_eq!(over_teams("order").unwrap().of(&[]), None);
+        assert_eq!(over_teams("no_such_figure"), None);
+        assert!(SUMS.iter().all(|key| over_teams(key) == Some(OverTeams::Sum)));
+    }
+}

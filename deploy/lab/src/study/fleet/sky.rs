@@ -1,0 +1,198 @@
+//! The air that the teams of a fleet share: each state reaches the vehicles of other teams in its own cell of the map and
+//! the eight around it.
+//!
+//! The teams fly a round of a few frames each by itself, and then exchange the states of that round. So a state from
+//! another team is under way until the round ends, or for `network.delay_s` if that is longer.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+
+use skein_common::frame::{Geodetic, Origin, VelocityNed};
+use skein_common::id::{FleetVehicle, TeamId};
+use skein_common::message::{Area, Intent, MessageOrder};
+use skein_common::time::LocalTime;
+use skein_common::topic::Cell;
+use skein_core::intent::ReceivedIntent;
+use skein_core::peers::ReceivedState;
+use skein_core::strangers::StrangerState;
+
+/// A state that is in the air.
+#[derive(Clone, Copy, Debug)]
+struct InAir {
+    id: FleetVehicle,
+    order: MessageOrder,
+    position: Geodetic,
+    velocity: VelocityNed,
+    /// Time at which an ideal network delivers it.
+    at: LocalTime,
+    bytes: u32,
+}
+
+/// States of the last round, by the cell of their sender.
+#[derive(Debug, Default)]
+pub(super) struct Sky {
+    cells: HashMap<Cell, Vec<InAir>>,
+    /// Intents, by the cells of their areas, with their team and the time at which an ideal network delivers them.
+    intents: HashMap<Cell, Vec<(TeamId, Intent, LocalTime)>>,
+    /// The cells with a vehicle.
+    occupied: HashSet<Cell>,
+}
+
+/// The states and intents that a team sends in a round, each with its cell.
+#[derive(Debug, Default)]
+pub(super) struct Sent {
+    states: Vec<(Cell, InAir)>,
+    intents: Vec<(Cell, (TeamId, Intent, LocalTime))>,
+}
+
+impl Sent {
+    /// Adds a state that an ideal network delivers at this time; `map` is the origin of the cells.
+    pub(super) fn add(&mut self, map: &Origin, id: FleetVehicle, state: &ReceivedState, at: LocalTime) {
+        let position = state.state.position;
+        let bytes = skein_common::message::encoded_len(&state.message()) as u32;
+        let in_air = InAir { id, order: state.header.order(), position, velocity: state.state.velocity, at, bytes };
+        self.states.push((Cell::of(map.ned_from_geodetic(&position)), in_air));
+    }
+
+    /// Adds a team's intent, as [`Self::add`] adds a state: it is sent in the cell of each of its areas.
+    pub(super) fn add_intent(&mut self, map: &Origin, team: TeamId, intent: &Intent, at: LocalTime) {
+        let cell = |area: &Area| Cell::of(map.ned_from_geodetic(&area.centre));
+        let occupied = cell(&intent.occupied);
+        let wanted = intent.wanted.as_ref().map(cell).filter(|wanted| *wanted != occupied);
+        self.intents.extend([Some(occupied), wanted].into_iter().flatten().map(|cell| (cell, (team, *intent, at))));
+    }
+}
+
+/// What the vehicles of a team receive of other teams in a round: those in one cell receive the same.
+#[derive(Debug, Default)]
+pub(super) struct FromOthers {
+    /// The states that the vehicles in each of the team's cells receive.
+    pub(super) groups: Vec<Vec<StrangerState>>,
+    /// The group of each vehicle.
+    pub(super) group_of: Vec<usize>,
+    /// Size of the messages of each group, bytes.
+    pub(super) bytes: Vec<u64>,
+    /// Whether a vehicle is in each of the nine cells of each group.
+    pub(super) is_surrounded: Vec<bool>,
+}
+
+impl Sky {
+    /// Replaces the states and intents by those of the round that has ended, of all teams in order. `places` are the cells of all
+    /// vehicles.
+    pub(super) fn exchange<'a>(
+        &mut self,
+        rounds: impl Iterator<Item = &'a mut Sent>,
+        places: impl Iterator<Item = Cell>,
+    ) {
+        self.occupied.clear();
+        self.occupied.extend(places);
+        self.cells.values_mut().for_each(Vec::clear);
+        self.intents.clear();
+        for sent in rounds {
+            sent.states.drain(..).for_each(|(cell, state)| self.cells.entry(cell).or_default().push(state));
+            sent.intents.drain(..).for_each(|(cell, intent)| self.intents.entry(cell).or_default().push(intent));
+        }
+    }
+
+    /// The intents of other teams that are sent in the nine cells around this one. `origin` is that of the team's frame.
+    pub(super) fn intents_around(&self, origin: &Origin, cell: Cell, own: TeamId) -> Vec<ReceivedIntent> {
+        let around = cell.with_neighbours().flat_map(|cell| self.intents.get(&cell).into_iter().flatten());
+        let others = around.filter(|(team, ..)| *team != own);
+        others.map(|(team, intent, at)| ReceivedIntent::new(*team, intent, origin, *at)).collect()
+    }
+
+    /// What the vehicles of one team receive that are in these cells. `origin` is that of the team's frame, and `is_own`
+    /// tells which senders belong to the team.
+    pub(super) fn received(
+        &self,
+        origin: &Origin,
+        cells: &[Cell],
+        is_own: impl Fn(FleetVehicle) -> bool,
+    ) -> FromOthers {
+        let mut distinct: Vec<Cell> = Vec::new();
+        let mut from_others = FromOthers::default();
+        for cell in cells {
+            let known = distinct.iter().position(|known| known == cell);
+            from_others.group_of.push(known.unwrap_or(distinct.len()));
+            if known.is_none() {
+                distinct.push(*cell);
+                from_others.groups.push(Vec::new());
+                from_others.bytes.push(0);
+                let is_surrounded = cell.with_neighbours().all(|cell| self.occupied.contains(&cell));
+                from_others.is_surrounded.push(is_surrounded);
+            }
+        }
+        let around: BTreeSet<(i32, i32)> =
+            distinct.iter().flat_map(|cell| cell.with_neighbours()).map(|cell| (cell.x, cell.y)).collect();
+        for (x, y) in around {
+            let is_near = |cell: &Cell| cell.x.abs_diff(x) <= 1 && cell.y.abs_diff(y) <= 1;
+            for sent in self.cells.get(&Cell { x, y }).into_iter().flatten().filter(|sent| !is_own(sent.id)) {
+                let InAir { id, order, position, velocity, at, bytes } = *sent;
+                let position = origin.ned_from_geodetic(&position);
+                let state = StrangerState { id, order, position, velocity, at };
+                for group in (0..distinct.len()).filter(|&group| is_near(&distinct[group])) {
+                    from_others.groups[group].push(state);
+                    from_others.bytes[group] += u64::from(bytes);
+                }
+            }
+        }
+        from_others
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use skein_common::frame::PositionNed;
+
+    use super::*;
+
+    fn sent(states: Vec<(Cell, InAir)>) -> Sent {
+        Sent { states, ..Sent::default() }
+    }
+
+    #[test]
+    fn a_state_reaches_the_other_teams_in_its_cell_and_the_eight_around_once() {
+        let map = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
+        let place = |north_m: f64| map.geodetic_from_ned(PositionNed::new(north_m, 10.0, -30.0));
+        let id = |text: &str| text.parse::<FleetVehicle>().unwrap();
+        let in_air = |text: &str, north_m: f64| {
+            let velocity = VelocityNed::new(1.0, 2.0, 0.0);
+            let (order, at) = (MessageOrder::default(), LocalTime::ZERO);
+            let state = InAir { id: id(text), order, position: place(north_m), velocity, at, bytes: 70 };
+            (Cell::of(PositionNed::new(north_m, 10.0, -30.0)), state)
+        };
+        let mut first = sent(vec![in_air("1/1", 100.0), in_air("1/2", 2900.0)]);
+        let mut second = sent(vec![in_air("2/1", 1990.0), in_air("2/2", 3100.0)]);
+        let mut sky = Sky::default();
+        sky.exchange([&mut first, &mut second].into_iter(), [].into_iter());
+        let team_1 =
+            sky.received(&map, &[Cell { x: 0, y: 0 }, Cell { x: 2, y: 0 }], |from| from.team == id("1/1").team);
+        let names = |nth: usize| -> Vec<String> {
+            team_1.groups[team_1.group_of[nth]].iter().map(|state| state.id.to_string()).collect()
+        };
+        assert_eq!(names(0), ["2/1"], "1,990 m is in the next cell, 3,100 m beyond it");
+        assert_eq!(names(1), ["2/1", "2/2"]);
+        assert!((team_1.groups[0][0].position.north_m() - 1990.0).abs() < 1e-3, "{:?}", team_1.groups[0]);
+        assert_eq!((&team_1.bytes[..], &team_1.is_surrounded[..]), (&[70, 140][..], &[false, false][..]));
+        sky.exchange([&mut first, &mut second].into_iter(), [].into_iter());
+        assert!(sky.received(&map, &[Cell { x: 0, y: 0 }], |_| false).groups[0].is_empty(), "a round is received once");
+    }
+
+    #[test]
+    fn a_vehicle_is_surrounded_when_all_nine_cells_are_occupied() {
+        let map = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
+        let mut sky = Sky::default();
+        let state = |x: i32, y: i32| {
+            let at = PositionNed::new(f64::from(x) * 1000.0 + 500.0, f64::from(y) * 1000.0 + 500.0, -30.0);
+            let velocity = VelocityNed::new(0.0, 0.0, 0.0);
+            let id = "2/1".parse().unwrap();
+            let position = map.geodetic_from_ned(at);
+            let (order, at) = (MessageOrder::default(), LocalTime::ZERO);
+            (Cell { x, y }, InAir { id, order, position, velocity, at, bytes: 1 })
+        };
+        let mut sent = sent((-1..=1).flat_map(|x| (-1..=1).map(move |y| (x, y))).map(|(x, y)| state(x, y)).collect());
+        sky.exchange([&mut sent].into_iter(), (-1..=1).flat_map(|x| (-1..=1).map(move |y| Cell { x, y })));
+        let received = sky.received(&map, &[0, 1, 0].map(|x| Cell { x, y: 0 }), |_| false);
+        assert_eq!((&received.group_of[..], &received.is_surrounded[..]), (&[0, 1, 0][..], &[true, false][..]));
+        assert_eq!(received.groups.iter().map(Vec::len).collect::<Vec<_>>(), [9, 6]);
+    }
+}

@@ -1,0 +1,289 @@
+//! One team of a fleet in the air: its world, its figures, and what it exchanges with the other teams.
+
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::ops::Range;
+use std::path::Path;
+
+use skein_common::frame::Origin;
+use skein_common::id::{FleetVehicle, TeamId, VehicleId};
+use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
+use skein_common::topic::Cell;
+use skein_core::agent::Agent;
+use skein_core::helicopter::TICK_S;
+use skein_core::impairments::lasting;
+use skein_core::plant::GroundTruth;
+
+use super::super::flight::show;
+use super::super::recorded::{CLOCK, RecordRunError};
+use super::super::{Study, StudyError, measure};
+use super::across::Airborne;
+use super::sky::{Sent, Sky};
+use crate::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, VehicleNow, Wall};
+use crate::record::{
+    self, Draft, FleetWriter, RecordError, RecordingInfo, TeamPlaces, VehiclePlace, Writer, log_time_ns,
+};
+use crate::recording::NotedKind;
+use crate::world::{Blocks, World};
+
+/// A team in the air.
+pub(super) struct Team {
+    id: TeamId,
+    /// Origin of its frame.
+    origin: Origin,
+    world: World,
+    metrics: Metrics,
+    /// Times in which the team receives no state of others, s after its take-off, each with whether they receive none of
+    /// it, either.
+    isolated: Vec<(Range<f64>, bool)>,
+    /// Room to work in.
+    vehicles: Vec<VehicleNow>,
+    blocks: Blocks,
+    sent: Sent,
+    /// The cell of each vehicle at the end of the last round.
+    cells: Vec<Cell>,
+    airborne: Airborne,
+    received: Received,
+    /// Beginning of the window; `None` before it, s.
+    zero_s: Option<f64>,
+    /// Events and faults of this round; `None` if the fleet is not recorded.
+    noted: Option<Vec<(f64, NotedKind)>>,
+    recorder: Option<TeamRecorder>,
+}
+
+/// The full recording of a team.
+struct TeamRecorder {
+    writer: Writer<BufWriter<File>>,
+    draft: Draft,
+    /// Number of frames between two recorded steps.
+    every: u64,
+    ticks: u64,
+}
+
+impl TeamRecorder {
+    fn new(scenario: &Scenario, folder: &Path, id: TeamId, scenario_toml: &str) -> Result<Self, RecordError> {
+        let path = folder.join("teams").join(id.to_string()).join(record::FILE);
+        let draft = Draft::new(&path);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(|error| draft.error(error))?;
+        }
+        let run = Run::new(scenario, "study");
+        let about = RecordingInfo { scenario, scenario_toml, run: &run, clock: CLOCK };
+        let mut writer = Writer::new(BufWriter::new(draft.create()?), &about, 0)?;
+        writer.window_begins(0);
+        let every = (1.0 / (TICK_S * scenario.record.hz.in_study_hz())).round().max(1.0) as u64;
+        Ok(Self { writer, draft, every, ticks: 0 })
+    }
+
+    fn finish(self, duration_s: f64) -> Result<(), RecordError> {
+        let Self { mut writer, draft, .. } = self;
+        writer.window_ends(log_time_ns(0, duration_s));
+        let file = writer.finish(0)?.into_inner().map_err(|error| draft.error(error.into_error()))?;
+        draft.finish(&file)
+    }
+}
+
+/// What the vehicles of a team received in the window.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Received {
+    /// States of other teams of all vehicles.
+    pub(super) states: u64,
+    /// Those states and their bytes of the vehicles that have vehicles in each of their nine cells, behind the number of vehicles and rounds.
+    pub(super) surrounded: (u64, u64, u64),
+}
+
+/// What a team has measured.
+#[derive(Debug)]
+pub(super) struct TeamReport {
+    pub(super) id: TeamId,
+    pub(super) report: Report,
+    pub(super) received: Received,
+    /// Number of messages and bytes that a vehicle received from its own team in a second.
+    pub(super) own_per_s: (f64, f64),
+}
+
+impl Team {
+    /// The team of this study, on the ground. `recording` is the folder of the run and the team's complete scenario file.
+    ///
+    /// # Errors
+    /// If the scenario cannot be flown, or the team's recording cannot be begun.
+    pub(super) fn new(study: &Study, recording: Option<(&Path, &String)>) -> Result<Self, RecordRunError> {
+        let scenario = &study.scenario;
+        let (id, origin) =
+            (scenario.team.map_or(TeamId::FIRST, |team| team.id), Origin::new(scenario.origin.geodetic()));
+        let chosen = recording.filter(|_| scenario.team.is_some_and(|team| team.is_recorded));
+        let recorder = chosen.map(|(folder, toml)| TeamRecorder::new(scenario, folder, id, toml)).transpose()?;
+        let world = World::new(scenario, &study.aircraft, &study.rules).map_err(StudyError::from)?;
+        let isolation = |event: &ScriptedEvent| match event.what {
+            EventAction::Fault(Fault::Isolate { both_ways }) => Some((lasting(event), both_ways)),
+            _ => None,
+        };
+        Ok(Self {
+            id,
+            origin,
+            world,
+            metrics: Metrics::new(scenario, Run::new(scenario, "study")),
+            isolated: scenario.mission.events.iter().filter_map(isolation).collect(),
+            vehicles: Vec::with_capacity(scenario.swarm.vehicles),
+            blocks: Blocks::default(),
+            sent: Sent::default(),
+            cells: Vec::new(),
+            airborne: Airborne::new(id, origin),
+            received: Received::default(),
+            zero_s: None,
+            noted: recording.map(|_| Vec::new()),
+            recorder,
+        })
+    }
+
+    /// Hands over what the other teams sent in the last round. `fleet` is the origin of the cells.
+    pub(super) fn receive(&mut self, sky: &Sky, fleet: &Origin) {
+        self.airborne.clear();
+        if self.is_isolated(false) {
+            return;
+        }
+        let own = self.id;
+        let from_others = sky.received(&self.origin, &self.cells, |id| id.team == own);
+        for &group in &from_others.group_of {
+            let (states, bytes) = (from_others.groups[group].len() as u64, from_others.bytes[group]);
+            self.received.states += states;
+            if from_others.is_surrounded[group] {
+                let (rounds, all, all_bytes) = &mut self.received.surrounded;
+                (*rounds, *all, *all_bytes) = (*rounds + 1, *all + states, *all_bytes + bytes);
+            }
+        }
+        self.world.receive_strangers(from_others.groups, &from_others.group_of);
+        let in_fleet = |place| Cell::of(fleet.ned_from_geodetic(&self.origin.geodetic_from_ned(place)));
+        let wanted: Vec<Option<Cell>> = self.world.wanted_areas().map(|place| place.map(in_fleet)).collect();
+        for (nth, cell) in wanted.into_iter().enumerate().filter_map(|(nth, cell)| Some((nth, cell?))) {
+            self.world.receive_intents(nth, sky.intents_around(&self.origin, cell, own));
+        }
+    }
+
+    /// Flies one frame and measures it. `fleet` is the origin of the cells, `zero_s` the beginning of the window.
+    pub(super) fn tick(&mut self, fleet: &Origin, zero_s: Option<f64>) {
+        World::tick_together(std::iter::once(&mut self.world), &mut self.blocks);
+        if !self.is_isolated(true) {
+            let at = self.world.now();
+            for state in self.world.states_in_flight() {
+                self.sent.add(fleet, FleetVehicle { team: self.id, vehicle: state.header.sender }, state, at);
+            }
+            for intent in self.world.intents() {
+                self.sent.add_intent(fleet, self.id, intent, at);
+            }
+        }
+        self.zero_s = zero_s;
+        let Some(zero_s) = zero_s else { return };
+        let t_s = self.world.t_s() - zero_s;
+        if let Some(noted) = &mut self.noted {
+            let events = self.world.events().iter().map(|(sender, what)| NotedKind::Event(*sender, *what));
+            let faults = self.world.faults().iter().cloned().map(NotedKind::Fault);
+            noted.extend(faults.chain(events).map(|what| (t_s, what)));
+        }
+        if let Some(recorder) = &mut self.recorder {
+            let is_due = recorder.ticks.is_multiple_of(recorder.every);
+            show(&mut self.world, zero_s, &mut recorder.writer, is_due);
+            recorder.ticks += 1;
+        }
+        measure(&self.world, zero_s, &mut self.metrics, &mut self.vehicles);
+        let in_the_air = self.vehicles.iter().filter(|one| one.truth.height_m > AIRBORNE_ABOVE_M);
+        self.airborne.add(in_the_air.map(|one| (one.id, one.truth.position)));
+    }
+
+    /// Notes the cells of the vehicles.
+    pub(super) fn end_round(&mut self, fleet: &Origin) {
+        let Self { origin, world, cells, .. } = self;
+        cells.clear();
+        cells.extend(
+            world
+                .all_vehicles()
+                .map(|(_, _, truth, _)| Cell::of(fleet.ned_from_geodetic(&origin.geodetic_from_ned(truth.position)))),
+        );
+    }
+
+    /// Records the events and faults of the round, and where the vehicles are now. `fleet` is the origin of the fleet's frame.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(super) fn record(
+        &mut self,
+        writer: &mut FleetWriter,
+        fleet: &Origin,
+        with_places: bool,
+    ) -> Result<(), RecordError> {
+        let Some(zero_s) = self.zero_s else { return Ok(()) };
+        for (t_s, what) in self.noted.iter_mut().flat_map(|noted| noted.drain(..)) {
+            match what {
+                NotedKind::Event(sender, what) => writer.event(t_s, self.id, sender, &what)?,
+                NotedKind::Fault(fault) => writer.fault(t_s, self.id, &fault)?,
+            }
+        }
+        if !with_places {
+            return Ok(());
+        }
+        let decimetre = |metres: f64| (metres * 10.0).round() / 10.0;
+        let place = |(id, agent, truth, _): (VehicleId, &Agent, &GroundTruth, _)| {
+            let in_fleet = fleet.ned_from_geodetic(&self.origin.geodetic_from_ned(truth.position));
+            VehiclePlace {
+                id,
+                step: agent.at_step(),
+                north_m: decimetre(in_fleet.north_m()),
+                east_m: decimetre(in_fleet.east_m()),
+                altitude_m: decimetre(truth.position.altitude_m()),
+            }
+        };
+        let vehicles = self.world.vehicles().filter(|(_, _, truth, _)| truth.position.is_finite()).map(place).collect();
+        writer.places(&TeamPlaces { team: self.id, t_s: self.world.t_s() - zero_s, vehicles })
+    }
+
+    pub(super) fn t_s(&self) -> f64 {
+        self.world.t_s()
+    }
+
+    pub(super) fn all_active(&self) -> bool {
+        self.world.all_active()
+    }
+
+    /// Whether the mission has ended except for the landing, or no agent runs.
+    pub(super) fn has_finished(&self) -> bool {
+        self.world.has_finished() || self.world.vehicles().next().is_none()
+    }
+
+    /// The states sent in this round.
+    pub(super) fn sent(&mut self) -> &mut Sent {
+        &mut self.sent
+    }
+
+    pub(super) fn cells(&self) -> &[Cell] {
+        &self.cells
+    }
+
+    pub(super) fn airborne(&self) -> &Airborne {
+        &self.airborne
+    }
+
+    /// What was measured.
+    ///
+    /// # Errors
+    /// If the recording of the team cannot be completed.
+    pub(super) fn report(mut self, wall: Wall) -> Result<TeamReport, RecordError> {
+        let totals = self.world.totals();
+        self.metrics.set_totals(totals);
+        let report = self.metrics.report(wall);
+        self.recorder.take().map_or(Ok(()), |recorder| recorder.finish(report.duration_s))?;
+        let (heartbeats, heartbeat_bytes) = self.world.heartbeats_sent();
+        // Each message of a vehicle reaches all others of the team.
+        let per_s = |count: u64| {
+            let vehicles = self.world.vehicle_count() as f64;
+            count as f64 * (vehicles - 1.0) / vehicles / self.world.t_s().max(1e-9)
+        };
+        let own_per_s = (per_s(totals.state_messages + heartbeats), per_s(totals.state_bytes + heartbeat_bytes));
+        Ok(TeamReport { id: self.id, report, received: self.received, own_per_s })
+    }
+
+    /// Whether an event isolates the team now; with `both_ways` only an event that withholds its states from the others.
+    fn is_isolated(&self, both_ways: bool) -> bool {
+        let is_now = |t_s: f64| self.isolated.iter().any(|(lasts, both)| lasts.contains(&t_s) && (*both || !both_ways));
+        !self.isolated.is_empty() && self.world.since_take_off_s().is_some_and(is_now)
+    }
+}
