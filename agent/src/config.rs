@@ -1,6 +1,7 @@
 //! Configuration of one agent at its start: its id, its plant, where it listens, whom it dials and which keys it
 //! trusts.
 
+pub mod fleet;
 mod security;
 
 use std::io;
@@ -9,9 +10,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use skein_common::frame::Origin;
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleName};
 use skein_common::scenario::{
-    self, ControlMode, FileKind, ModelKind, PlantKind, Scenario, ScenarioError, Source, Written,
+    self, ControlMode, Described, FileKind, Loaded, ModelKind, PlantKind, Scenario, ScenarioError, Source, Written,
 };
 
 use crate::link::Security;
@@ -40,9 +41,9 @@ pub struct AgentOptions {
     /// The scenario to fly, over this computer's loopback
     #[arg(long, value_name = "FILE", requires = "id")]
     pub scenario: Option<PathBuf>,
-    /// The vehicle's number, 1 to 250
-    #[arg(long, value_name = "N")]
-    pub id: Option<VehicleId>,
+    /// The vehicle's number, 1 to 250; in a fleet with its team: 3/7
+    #[arg(long, alias = "vehicle", value_name = "N")]
+    pub id: Option<VehicleName>,
     /// Address of the X-Plane to fly in
     #[arg(long, value_name = "HOST[:PORT]")]
     pub xplane: Option<String>,
@@ -66,8 +67,8 @@ pub struct AgentOptions {
 pub struct AgentFile {
     /// Path of the scenario, relative to this file.
     pub scenario: PathBuf,
-    /// Id of its vehicle.
-    pub id: VehicleId,
+    /// Its vehicle: the id, in a fleet with the team, `"3/7"`.
+    pub id: VehicleName,
     /// Endpoints to listen on, in Zenoh's notation.
     pub listen: Vec<String>,
     /// Endpoints of the peers to dial; in each pair of agents one dials the other.
@@ -109,6 +110,22 @@ pub enum ConfigError {
         file: String,
         /// Number of vehicles in the scenario.
         vehicles: usize,
+    },
+    /// The vehicle is named without a team in a fleet, with one in a swarm, or with one that the fleet does not have.
+    #[error("vehicle {name} does not fly in {file}: in a fleet a vehicle is named with its team, 3/7, and only there")]
+    Team {
+        /// The name asked for.
+        name: VehicleName,
+        /// The scenario's file.
+        file: String,
+    },
+    /// The fleet has too many agents for real time.
+    #[error("{file}: {source}")]
+    TooManyAgents {
+        /// The scenario's file.
+        file: String,
+        /// The number of agents.
+        source: fleet::TooManyAgents,
     },
     /// The vehicles do not fit into the start area.
     #[error("{file}: {source}")]
@@ -197,9 +214,12 @@ impl PlantChoice {
     }
 }
 
-/// Loopback endpoint of an agent that is started by hand, where the other agents of this computer dial it.
-pub fn loopback_endpoint(id: VehicleId) -> String {
-    format!("tcp/127.0.0.1:{}", 7446 + u16::from(id.get()))
+/// Loopback endpoint of an agent that is started by hand, where the other agents of this computer dial it. Each team of
+/// a fleet has a range of ports of its own.
+pub fn loopback_endpoint(name: VehicleName) -> String {
+    let teams_before = name.team.map_or(0, |team| u32::from(team.get()) - 1);
+    let port = 7446 + u32::from(VehicleId::MAX) * teams_before + u32::from(name.vehicle.get());
+    format!("tcp/127.0.0.1:{port}")
 }
 
 impl AgentOptions {
@@ -208,29 +228,50 @@ impl AgentOptions {
     /// # Errors
     /// The first fault found.
     pub fn node(&self) -> Result<Node, ConfigError> {
-        let file = match (&self.config, &self.scenario, self.id) {
-            (Some(path), ..) => return self.node_of(read_agent_file(path)?, path.parent().unwrap_or(Path::new(""))),
-            (None, Some(scenario), Some(id)) => AgentFile {
-                scenario: scenario.clone(),
-                id,
-                listen: vec![loopback_endpoint(id)],
-                dial: VehicleId::first(usize::from(id.get()) - 1).map(loopback_endpoint).collect(),
-                plant: None,
-                xplane: None,
-                security: None,
-            },
-            _ => return Err(ConfigError::File("give either --config, or --scenario and --id".to_owned())),
-        };
-        self.node_of(file, Path::new(""))
+        match (&self.config, &self.scenario, self.id) {
+            (Some(path), ..) => {
+                let (file, own_folder) = (read_agent_file(path)?, path.parent().unwrap_or(Path::new("")));
+                let described = self.described(&own_folder.join(&file.scenario))?;
+                self.node_of(file, own_folder, described)
+            }
+            (None, Some(path), Some(name)) => self.by_hand(path, name),
+            _ => Err(ConfigError::File("give either --config, or --scenario and --id".to_owned())),
+        }
     }
 
-    /// Checks a node's file, whose paths start from `own_folder`.
-    fn node_of(&self, file: AgentFile, own_folder: &Path) -> Result<Node, ConfigError> {
-        let AgentFile { scenario: path, id, listen, dial, plant, xplane, security } = file;
+    /// Configuration of a vehicle of this scenario whose agents are all started by hand on this computer.
+    fn by_hand(&self, path: &Path, name: VehicleName) -> Result<Node, ConfigError> {
+        let described = self.described(path)?;
+        let dial = fleet::dialled(name, described.all()).map(loopback_endpoint).collect();
+        let file = AgentFile {
+            scenario: path.to_owned(),
+            id: name,
+            listen: vec![loopback_endpoint(name)],
+            dial,
+            plant: None,
+            xplane: None,
+            security: None,
+        };
+        self.node_of(file, Path::new(""), described)
+    }
+
+    /// Reads the scenario file.
+    fn described(&self, path: &Path) -> Result<Described, ConfigError> {
+        let name = path.display().to_string();
+        let described = scenario::load_any(&Source { name: &name, text: &files::read(path)? }, &self.sets)?;
+        let checked = fleet::check_size(described.all());
+        checked.map_err(|source| ConfigError::TooManyAgents { file: name, source })?;
+        Ok(described)
+    }
+
+    /// Checks a node's file, whose paths start from `own_folder`, and its scenario.
+    fn node_of(&self, file: AgentFile, own_folder: &Path, described: Described) -> Result<Node, ConfigError> {
+        let AgentFile { scenario: path, id: full_name, listen, dial, plant, xplane, security } = file;
         let path = own_folder.join(path);
         let name = path.display().to_string();
-        let loaded = scenario::load(&Source { name: &name, text: &files::read(&path)? }, &self.sets)?;
-        let (mut notes, mut scenario) = (loaded.notes, loaded.scenario);
+        let id = full_name.vehicle;
+        let Loaded { mut notes, mut scenario, .. } = fleet::swarm_of(full_name, described)
+            .ok_or_else(|| ConfigError::Team { name: full_name, file: name.clone() })?;
         check_live(&scenario).map_err(|source| ConfigError::UnsupportedScenario { file: name.clone(), source })?;
         let vehicles = scenario.swarm.vehicles;
         let folder = path.parent().unwrap_or(Path::new(""));

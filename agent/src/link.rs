@@ -17,6 +17,8 @@ mod refusals;
 pub mod security;
 mod sessions;
 pub mod signature;
+mod strangers;
+mod traffic;
 mod trust;
 mod tunnel;
 
@@ -27,9 +29,9 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
 use serde_json::{Value, json};
-use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{Drops, Event, Heartbeat, Message, Order, Reason, Refused, State, Trace};
-use skein_common::topic::{Author, Cell, Topic, all};
+use skein_common::id::{SwarmName, VehicleId, VehicleName};
+use skein_common::message::{Drops, Event, Heartbeat, Intent, Message, Order, Reason, Refused, State, Trace};
+use skein_common::topic::{Author, Branch, Cell, Topic, all};
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
@@ -50,8 +52,12 @@ pub use security::Security;
 pub use sessions::Sessions;
 use signature::SigningKey;
 use signature::messages::KeyRing;
+use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
+use skein_core::strangers::StrangerState;
 use skein_host::clock::{LocalClock, now, sleep_until};
+use strangers::{StrangerInbox, SubscribedCells};
+use traffic::Traffic;
 pub use trust::Trust;
 use trust::Verifier;
 
@@ -116,7 +122,7 @@ pub enum LinkError {
     Name(String),
     /// The node's own key differs from the key that the swarm has for this vehicle.
     #[error("this node's key is not the key that the swarm has for vehicle {0}")]
-    Key(VehicleId),
+    Key(VehicleName),
     /// A session cannot be opened, most often because the address is in use or belongs to another host.
     #[error("cannot listen on {}: {}", listen.join(", "), plain(source))]
     Open {
@@ -229,40 +235,44 @@ impl Link {
         let sessions = sessions.into();
         let (key_ring, signing_key, presence) =
             (trust.key_ring.clone(), trust.signing_key.clone(), sessions.presence());
-        let origin = trust.origin;
+        let (origin, branch) = (trust.origin, trust.branch());
         let receiver = Arc::new(LinkReceiver {
+            branch,
             inbox: Inbox::new(),
+            strangers: StrangerInbox::new(origin),
+            traffic: Traffic::default(),
             verifier: Verifier::new(own, trust),
             clock,
             presence,
             key_ring,
             signing_key,
         });
-        let last_heartbeat = LastHeartbeat::open(&sessions, Topic::Mission(own))?;
+        let last_heartbeat = LastHeartbeat::open(&sessions, branch.key(&Topic::Mission(own)))?;
         watch_presence(&sessions, own, &receiver)?;
         for session in &sessions.all {
             let state = move |state| PeerMessage::State(ReceivedState::new(state, &origin));
-            subscribe::<State>(session, all::STATES, &receiver, state)?;
-            subscribe::<Heartbeat>(session, all::MISSIONS, &receiver, PeerMessage::Mission)?;
-            subscribe::<Order>(session, all::ORDERS, &receiver, PeerMessage::Order)?;
+            subscribe::<State>(session, &branch.all(all::STATES), &receiver, state)?;
+            subscribe::<Heartbeat>(session, &branch.all(all::MISSIONS), &receiver, PeerMessage::Mission)?;
+            subscribe::<Order>(session, &branch.all(all::ORDERS), &receiver, PeerMessage::Order)?;
         }
-        let trace = MessagePublisher::open(&sessions, &receiver, Topic::Trace(own), Priority::DataLow)?;
+        let trace = MessagePublisher::open(&sessions, &receiver, &Topic::Trace(own), Priority::DataLow)?;
         let trace_is_wanted = trace.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
-        let mission = MessagePublisher::open(&sessions, &receiver, Topic::Mission(own), Priority::InteractiveHigh)?;
-        let event = MessagePublisher::open(&sessions, &receiver, Topic::Event(own), Priority::DataHigh)?;
+        let mission = MessagePublisher::open(&sessions, &receiver, &Topic::Mission(own), Priority::InteractiveHigh)?;
+        let event = MessagePublisher::open(&sessions, &receiver, &Topic::Event(own), Priority::DataHigh)?;
         let (for_thread, all) = (receiver.clone(), sessions.all.clone());
         let mut publisher_thread = PublisherThread {
             receiver: for_thread,
             sessions: all,
             own,
             state_key: None,
+            cells: SubscribedCells::default(),
             mission,
             last_heartbeat,
             event,
             trace,
         };
         let outgoing = Outgoing::start(move |waiting| publisher_thread.send(waiting)).map_err(LinkError::Thread)?;
-        let alive = Topic::Alive(own).key();
+        let alive = branch.key(&Topic::Alive(own));
         let token = |session: &Arc<Session>| {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
         };
@@ -274,6 +284,17 @@ impl Link {
     /// Moves all messages received since the last call to the end of `received`: the newest of each peer and kind.
     pub fn drain(&self, received: &mut Vec<Received>) {
         self.receiver.inbox.drain(received);
+    }
+
+    /// Moves all states and intents of other teams' vehicles received since the last call to the ends of these lists: the
+    /// newest of each vehicle.
+    pub fn drain_strangers(&self, states: &mut Vec<StrangerState>, intents: &mut Vec<ReceivedIntent>) {
+        self.receiver.strangers.drain(states, intents);
+    }
+
+    /// Subscribes to the states of other teams' vehicles in these cells, and in no others.
+    pub fn subscribe_to(&self, cells: Vec<Cell>) {
+        self.send(Messages { cells: Some(cells), ..Messages::default() });
     }
 
     /// Hands over the messages of one step. Never waits for the network.
@@ -308,9 +329,10 @@ impl Link {
     /// If a session is closed.
     pub fn health(&self, utc: Utc) -> Result<HealthPublisher, LinkError> {
         let publisher =
-            MessagePublisher::open(&self.sessions, &self.receiver, Topic::Health(self.own), Priority::DataHigh)?;
+            MessagePublisher::open(&self.sessions, &self.receiver, &Topic::Health(self.own), Priority::DataHigh)?;
         let clocks = Clocks::open(&self.sessions, &self.receiver, self.own, utc)?;
-        Ok(HealthPublisher { publisher, receiver: self.receiver.clone(), clocks, live: Vec::new() })
+        let sessions = self.sessions.all.iter().map(Arc::downgrade).collect();
+        Ok(HealthPublisher { publisher, receiver: self.receiver.clone(), clocks, sessions, live: Vec::new() })
     }
 
     /// Number of messages dropped so far, by reason.
@@ -339,6 +361,7 @@ struct PublisherThread {
     sessions: Vec<Arc<Session>>,
     own: VehicleId,
     state_key: Option<(Cell, String)>,
+    cells: SubscribedCells,
     mission: MessagePublisher<Heartbeat>,
     last_heartbeat: LastHeartbeat,
     event: MessagePublisher<Event>,
@@ -348,8 +371,14 @@ struct PublisherThread {
 impl PublisherThread {
     /// Sends all waiting messages. Zenoh may block it for a slow peer.
     fn send(&mut self, waiting: &mut Waiting) {
+        if let Some(cells) = waiting.cells.take() {
+            self.cells.set(&cells, &self.sessions, &self.receiver);
+        }
         if let Some((state, cell)) = waiting.state.take() {
             self.send_state(&state, cell);
+        }
+        if let Some((intent, cells)) = waiting.intent.take() {
+            cells.into_iter().for_each(|cell| self.send_intent(&intent, cell));
         }
         if let Some(mission) = waiting.mission.take() {
             let bytes = self.mission.write(&mission);
@@ -360,12 +389,25 @@ impl PublisherThread {
         waiting.traces.drain(..).for_each(|trace| self.trace.publish(&trace));
     }
 
+    fn send_intent(&self, intent: &Intent, cell: Cell) {
+        let key = self.receiver.branch.key(&Topic::Intent(self.own, cell));
+        let bytes = self.receiver.write(&key, intent);
+        self.receiver.traffic.sent(bytes.len());
+        let bytes = ZBytes::from(bytes);
+        for session in &self.sessions {
+            let put = session.put(key.as_str(), bytes.clone()).congestion_control(CongestionControl::Drop);
+            let _ = put.priority(Priority::InteractiveHigh).allowed_destination(Locality::Remote).wait();
+        }
+    }
+
     fn send_state(&mut self, state: &State, cell: Cell) {
         let key = match &mut self.state_key {
             Some((of, key)) if *of == cell => key,
-            key => &mut key.insert((cell, Topic::State(self.own, cell).key())).1,
+            key => &mut key.insert((cell, self.receiver.branch.key(&Topic::State(self.own, cell)))).1,
         };
-        let bytes = ZBytes::from(self.receiver.write(key, state));
+        let bytes = self.receiver.write(key, state);
+        self.receiver.traffic.sent(bytes.len());
+        let bytes = ZBytes::from(bytes);
         for session in &self.sessions {
             // As in `MessagePublisher`: it fails only on a closed session. Cells change, so no publisher is declared.
             let _ = session
@@ -382,7 +424,11 @@ impl PublisherThread {
 
 /// Processing of received messages on Zenoh's threads, which never waits, and the encoding of the own messages.
 struct LinkReceiver {
+    /// The part of the key space that belongs to the own swarm.
+    branch: Branch,
     inbox: Inbox,
+    strangers: StrangerInbox,
+    traffic: Traffic,
     verifier: Verifier,
     clock: LocalClock,
     presence: Arc<Presence>,
@@ -393,13 +439,14 @@ struct LinkReceiver {
 impl LinkReceiver {
     /// Verifies a message and stores it if its sender was allowed to publish it under this key.
     fn receive<M: Message>(&self, sample: &Sample, message: impl Fn(M) -> PeerMessage) {
-        let key = sample.key_expr().as_str();
-        match Topic::parse(key).map(|topic| topic.author()) {
+        let (key, bytes) = (sample.key_expr().as_str(), sample.payload().to_bytes());
+        self.traffic.received(bytes.len());
+        match self.branch.own(key).map(|topic| topic.author()) {
             // Replayed by another node, or delivered while the sender's link broke.
-            Some(Author::Vehicle(id)) if !self.presence.may_send(id) => {
+            Some(Author::Vehicle(id)) if !self.presence.may_send(self.branch.name(id)) => {
                 self.inbox.refuse(Reason::Old, key, &"its sender has no link");
             }
-            _ => match self.key_ring.read::<M>(key, &sample.payload().to_bytes()) {
+            _ => match self.key_ring.read::<M>(key, &bytes) {
                 Ok(verified) => self.store(key, message(verified.message), verified.run),
                 Err(error) => self.inbox.refuse(error.reason(), key, &error),
             },
@@ -455,32 +502,33 @@ fn subscribe<M: Message + 'static>(
 fn watch_presence(sessions: &Sessions, own: VehicleId, receiver: &Arc<LinkReceiver>) -> Result<(), LinkError> {
     // A weak reference: the receiver owns the presence that calls this.
     let weak = Arc::downgrade(receiver);
+    let branch = receiver.branch;
     let note = move |change| {
         let Some(receiver) = weak.upgrade() else { return };
         match change {
             // The own token is reported like any other.
             Change::Appeared(id) if id != own => {
-                receiver.store(&Topic::Alive(id).key(), PeerMessage::Appeared(id), None)
+                receiver.store(&branch.key(&Topic::Alive(id)), PeerMessage::Appeared(id), None)
             }
             Change::Vanished(id) if id != own => {
-                receiver.store(&Topic::Alive(id).key(), PeerMessage::Vanished(id), None)
+                receiver.store(&branch.key(&Topic::Alive(id)), PeerMessage::Vanished(id), None)
             }
             Change::Appeared(_) | Change::Vanished(_) => {}
             Change::Refused(address) => receiver.inbox.count(Reason::Link, &address),
         }
     };
-    receiver.presence.watch(sessions, note)?;
+    receiver.presence.watch(sessions, branch, note)?;
     for session in &sessions.all {
         let (receiver, asking) = (receiver.clone(), Arc::downgrade(session));
         let ask = move |id: VehicleId, kind| {
             if let (true, SampleKind::Put, Some(session)) = (id != own, kind, asking.upgrade()) {
                 let receiver = receiver.clone();
-                queries::send_query(&session, Topic::Mission(id), &[], move |sample| {
+                queries::send_query(&session, branch.key(&Topic::Mission(id)), &[], move |sample| {
                     receiver.receive(sample, PeerMessage::Mission)
                 });
             }
         };
-        watch_tokens(session, ask)?;
+        watch_tokens(session, branch, ask)?;
     }
     Ok(())
 }

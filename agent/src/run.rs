@@ -14,6 +14,7 @@
 
 mod control;
 mod log;
+mod neighbourhood;
 mod silence;
 mod timing;
 
@@ -28,6 +29,7 @@ use skein_common::frame::Origin;
 use skein_common::id::Incarnation;
 use skein_common::message::{Health, Refused};
 use skein_common::printable::printable_lines;
+use skein_common::topic::Branch;
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
@@ -40,6 +42,7 @@ use crate::link::{
 use crate::plant::xplane;
 use crate::unix;
 use control::Control;
+use neighbourhood::Neighbourhood;
 use skein_core::formation::UnsupportedScenario;
 use skein_core::station::{Clocks, Station};
 use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
@@ -168,11 +171,15 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         orders: node.orders_key,
         run: node.run,
         key_ring: node.security.key_ring(&node.scenario.swarm.name),
-        signing_key: node.security.signing_key(node.id)?.map(Arc::new),
+        signing_key: node
+            .security
+            .signing_key(Branch::of(node.scenario.team.map(|team| team.id)).name(node.id))?
+            .map(Arc::new),
         ..Trust::of(&node.scenario)
     };
     let link = Link::new(sessions, node.id, clock, trust)?;
     let (health, reports) = mpsc::channel(2);
+    let team = node.scenario.team.as_ref();
     tokio.spawn(publish_health(link.health(utc_nanoseconds)?, reports));
     let control = Control {
         station,
@@ -182,7 +189,9 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         link,
         law: LiveLaw::start(&node.scenario, node.id)?,
         clock,
-        origin: Origin::new(node.scenario.origin.geodetic()),
+        origin: Origin::new(team.map_or(&node.scenario.origin, |team| &team.origin).geodetic()),
+        own_origin: Origin::new(node.scenario.origin.geodetic()),
+        neighbourhood: team.map(|_| Neighbourhood::default()),
         own: node.id,
         incarnation,
         stop: stop.clone(),

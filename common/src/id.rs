@@ -1,9 +1,13 @@
 //! Identity of vehicles, of their agents' restarts, and of the swarm.
 
+mod vehicle_name;
+
 use std::fmt;
 use std::num::{NonZeroU8, NonZeroU16};
 
 use serde::{Deserialize, Serialize};
+
+pub use vehicle_name::VehicleName;
 
 /// Id of a vehicle, 1 to 250; it is also the vehicle's MAVLink system id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

@@ -20,13 +20,13 @@ use crate::time::SenderStamp;
 use crate::topic::{Author, Topic};
 
 pub use clock::{ClockAnswer, ClockOffset};
-pub use health::{Drops, Health, PeerHealth, Reason, Refused};
+pub use health::{Drops, Health, PeerHealth, Reason, Refused, Traffic};
 pub use intent::{Area, Intent};
 pub use order::{Order, Signature, Verb};
 pub use trace::{LawNumber, PeerAge, Trace};
 
 /// Version of the messages: the first byte of every message.
-pub const VERSION: u8 = 5;
+pub const VERSION: u8 = 6;
 
 /// Largest index of a mission step.
 pub const MAX_STEP: u32 = 10_000;

@@ -1,13 +1,16 @@
 //! Key expressions of all messages, built and parsed here. They are relative to the swarm's name, which is the Zenoh
 //! namespace of its sessions.
 //!
-//! The key begins with the vehicle's id: one key expression covers all messages that one vehicle may send.
+//! The key begins with the vehicle's id: one key expression covers all messages that one vehicle may send. In a fleet
+//! the keys of a team have its number in front ([`Branch`]).
 
+mod branch;
 mod described;
 
 use crate::frame::PositionNed;
 use crate::id::VehicleId;
 
+pub use branch::{Branch, all_in};
 pub use described::{TOPIC_DESCRIPTIONS, TopicDescription};
 
 /// Kind of a message and its author.
@@ -15,6 +18,8 @@ pub use described::{TOPIC_DESCRIPTIONS, TopicDescription};
 pub enum Topic {
     /// State of a vehicle, published under the cell that the vehicle is in.
     State(VehicleId, Cell),
+    /// Intent of a vehicle's team, published under the cell of each area that it names.
+    Intent(VehicleId, Cell),
     /// Liveliness token of a vehicle.
     Alive(VehicleId),
     /// Health report of a vehicle's agent, once a second.
@@ -59,7 +64,7 @@ pub mod all {
 }
 
 /// Square cell of the swarm's horizontal plane, counted from the origin.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Cell {
     /// Number of cells north of the origin.
     pub x: i32,
@@ -85,10 +90,11 @@ impl Cell {
 }
 
 impl Topic {
-    /// The key, relative to the swarm's namespace.
+    /// The key, relative to the swarm's branch.
     pub fn key(&self) -> String {
         match self {
             Self::State(id, cell) => format!("vehicle/{id}/cell/{}/{}/state", cell.x, cell.y),
+            Self::Intent(id, cell) => format!("vehicle/{id}/cell/{}/{}/intent", cell.x, cell.y),
             Self::Alive(id) => format!("vehicle/{id}/alive"),
             Self::Health(id) => format!("vehicle/{id}/health"),
             Self::Mission(id) => format!("vehicle/{id}/mission"),
@@ -99,7 +105,7 @@ impl Topic {
         }
     }
 
-    /// Parses a key relative to the swarm's namespace; `None` if it is not a key of Skein.
+    /// Parses a key relative to the swarm's branch; `None` if it is not a key of Skein.
     pub fn parse(key: &str) -> Option<Self> {
         let mut parts = key.split('/');
         let topic = match parts.next()? {
@@ -115,7 +121,11 @@ impl Topic {
                     "clock" => Self::Clock(id),
                     "cell" => {
                         let cell = Cell { x: parts.next()?.parse().ok()?, y: parts.next()?.parse().ok()? };
-                        (parts.next()? == "state").then_some(Self::State(id, cell))?
+                        match parts.next()? {
+                            "state" => Self::State(id, cell),
+                            "intent" => Self::Intent(id, cell),
+                            _ => return None,
+                        }
                     }
                     _ => return None,
                 }
@@ -129,6 +139,7 @@ impl Topic {
     pub fn author(&self) -> Author {
         match *self {
             Self::State(id, _)
+            | Self::Intent(id, _)
             | Self::Alive(id)
             | Self::Health(id)
             | Self::Mission(id)
@@ -151,6 +162,7 @@ mod tests {
         assert_eq!(cell, Cell { x: -1, y: 1 });
         let topics = [
             (Topic::State(id, cell), "vehicle/7/cell/-1/1/state"),
+            (Topic::Intent(id, cell), "vehicle/7/cell/-1/1/intent"),
             (Topic::Alive(id), "vehicle/7/alive"),
             (Topic::Health(id), "vehicle/7/health"),
             (Topic::Mission(id), "vehicle/7/mission"),

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 use serde_json::json;
 use skein_common::scenario::{ControlMode, Explained, Loaded};
 
+use skein_agent::config::fleet;
+
 use crate::cluster;
 use crate::fly::script;
 use crate::prepare::{Prepared, Target, prepare};
@@ -64,11 +66,30 @@ fn simulator(xplane: &HostPort, json: bool) -> Result<(), Error> {
 }
 
 fn scenario(args: &CheckArgs) -> Result<(), Error> {
-    let loaded = args.scenario.read(Vec::new())?;
-    loaded.notes.iter().for_each(|note| eprintln!("{note}"));
-    script::skipped(&loaded.scenario).iter().for_each(|skipped| eprintln!("{skipped}"));
-    skein_lab::terminal::say(&if args.json { skein_lab::terminal::json(&as_json(&loaded)) } else { as_text(&loaded) });
-    verdict(args, &loaded).map(drop)
+    let described = args.scenario.read_any(Vec::new())?;
+    let first = described.first();
+    first.notes.iter().for_each(|note| eprintln!("{note}"));
+    script::skipped(&first.scenario).iter().for_each(|skipped| eprintln!("{skipped}"));
+    let lines = lines(described.all());
+    skein_lab::terminal::say(&if args.json { skein_lab::terminal::json(&as_json(&lines)) } else { as_text(&lines) });
+    if let Err(why) = fleet::check_size(described.all()) {
+        eprintln!("{}: {why}", args.scenario.name());
+    }
+    described.all().iter().try_for_each(|team| verdict(args, team).map(drop))
+}
+
+/// Every value with its key; of the further teams of a fleet only what differs from team 1.
+fn lines(teams: &[Loaded]) -> Vec<Explained> {
+    let Some((first, others)) = teams.split_first() else { return Vec::new() };
+    let mut lines = first.explain().to_vec();
+    for team in others {
+        let id = team.scenario.team.map_or_else(String::new, |team| team.id.to_string());
+        let is_own =
+            |line: &&Explained| !first.explain().iter().any(|one| (&one.key, &one.value) == (&line.key, &line.value));
+        let own = team.explain().iter().filter(is_own).cloned();
+        lines.extend(own.map(|line| Explained { key: format!("team.{id}.{}", line.key), ..line }));
+    }
+    lines
 }
 
 /// Checks whether the scenario can fly.
@@ -88,18 +109,18 @@ fn target<'a>(args: &'a CheckArgs, loaded: &Loaded) -> Target<'a> {
 }
 
 /// Formats a line for each key: key, value, origin.
-fn as_text(loaded: &Loaded) -> String {
+fn as_text(lines: &[Explained]) -> String {
     let value = |line: &Explained| line.value.clone().unwrap_or_else(|| "-".to_owned());
-    let widest = |width: fn(&Explained) -> usize| loaded.explain().iter().map(width).max().unwrap_or(0);
+    let widest = |width: fn(&Explained) -> usize| lines.iter().map(width).max().unwrap_or(0);
     let key_width = widest(|line| line.key.len());
     let value_width = widest(|line| line.value.as_ref().map_or(1, |value| value.chars().count())).min(24);
     let line = |line: &Explained| {
         format!("{:<key_width$}  {:<value_width$}  {}\n", line.key, value(line), line.origin.to_string().escape_debug())
     };
-    loaded.explain().iter().map(line).collect()
+    lines.iter().map(line).collect()
 }
 
-fn as_json(loaded: &Loaded) -> serde_json::Value {
+fn as_json(lines: &[Explained]) -> serde_json::Value {
     let line = |line: &Explained| {
         let value = line.value.as_ref().map(|value| value.parse::<toml::Value>());
         json!({
@@ -109,11 +130,13 @@ fn as_json(loaded: &Loaded) -> serde_json::Value {
             "about": line.about,
         })
     };
-    loaded.explain().iter().map(line).collect()
+    lines.iter().map(line).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use skein_common::scenario::{Source, load_any};
+
     use super::*;
 
     fn loaded() -> Loaded {
@@ -122,7 +145,7 @@ mod tests {
 
     #[test]
     fn every_key_has_a_line_with_its_origin() {
-        let text = as_text(&loaded());
+        let text = as_text(loaded().explain());
         let line = |key: &str| -> Vec<&str> {
             let line = text.lines().find(|line| line.starts_with(&format!("{key} "))).unwrap();
             line.split_whitespace().collect()
@@ -134,8 +157,18 @@ mod tests {
     }
 
     #[test]
+    fn of_a_further_team_only_what_differs_is_printed() {
+        let text = "fleet.teams = 3\nswarm.vehicles = 2\n[[team]]\nids = [3]\nformation.radius_m = 50\n";
+        let described = load_any(&Source { name: "fleet.toml", text }, &[]).unwrap();
+        let text = as_text(&lines(described.all()));
+        let of_team_3: Vec<&str> = text.lines().filter(|line| line.starts_with("team.3.formation")).collect();
+        assert!(of_team_3.len() == 1 && of_team_3[0].starts_with("team.3.formation.radius_m "), "{text}");
+        assert!(text.contains("team.2.origin.longitude_deg") && !text.contains("team.2.formation"), "{text}");
+    }
+
+    #[test]
     fn json_has_the_same_lines_with_typed_values() {
-        let (loaded, json) = (loaded(), as_json(&loaded()));
+        let (loaded, json) = (loaded(), as_json(loaded().explain()));
         assert_eq!(json.as_array().unwrap().len(), loaded.explain().len());
         let radius = json.as_array().unwrap().iter().find(|line| line["key"] == "formation.radius_m").unwrap();
         assert_eq!((&radius["value"], &radius["origin"]), (&json!(80.0), &json!("--set")));

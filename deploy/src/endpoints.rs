@@ -1,6 +1,6 @@
 //! Finds a live swarm on this PC, through the small file that `fly` writes into the user's runtime folder.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::{self, Read};
 use std::net::{SocketAddr, TcpStream};
@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::{SwarmName, VehicleName};
+use skein_common::topic::Branch;
 use skein_host::atomic_file::{self, Durability};
 
 use crate::os;
@@ -30,7 +31,7 @@ pub struct Endpoints {
     /// The folder of the run's files.
     pub out: PathBuf,
     /// Every agent's endpoint in Zenoh's notation, `tcp/127.0.0.1:7447`.
-    pub agents: BTreeMap<VehicleId, String>,
+    pub agents: BTreeMap<VehicleName, String>,
 }
 
 /// An endpoints file. Dropping this value deletes the file.
@@ -63,6 +64,17 @@ impl Endpoints {
         let path = path(folder, &self.swarm);
         atomic_file::write(&path, skein_lab::terminal::json(self).as_bytes(), Durability::Secret)?;
         Ok(EndpointsFile { path })
+    }
+
+    /// The swarm's branch, or those of the teams of a fleet, in order.
+    pub fn branches(&self) -> Vec<Branch> {
+        let teams: BTreeSet<Branch> = self.agents.keys().map(|name| Branch::of(name.team)).collect();
+        teams.into_iter().collect()
+    }
+
+    /// The folder of the files of the swarm or team with this branch.
+    pub fn folder(&self, branch: Branch) -> PathBuf {
+        branch.team().map_or_else(|| self.out.clone(), |team| self.out.join(format!("team-{team}")))
     }
 
     /// Whether at least one agent accepts a connection.
@@ -145,6 +157,8 @@ fn names(folder: &Path) -> Vec<SwarmName> {
 mod tests {
     use std::net::TcpListener;
 
+    use skein_common::id::VehicleId;
+
     use super::*;
 
     fn endpoints(name: &str, agent: &str) -> Endpoints {
@@ -152,7 +166,7 @@ mod tests {
             swarm: SwarmName::new(name).unwrap(),
             pid: 7,
             out: PathBuf::from("runs/x"),
-            agents: BTreeMap::from([(VehicleId::new(1).unwrap(), agent.to_owned())]),
+            agents: BTreeMap::from([(VehicleId::new(1).unwrap().into(), agent.to_owned())]),
         }
     }
 

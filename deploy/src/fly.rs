@@ -6,6 +6,7 @@
 //! | [`plan`] | reads and checks everything before anything is begun |
 //! | [`launch`] | files and processes |
 //! | [`children`] | the processes while they run |
+//! | [`fleet`] | one flight, or those of all teams of a fleet side by side |
 //! | [`flight`] | from the first sign of life to the last process's end |
 //! | [`ground`] | ground truth of the swarm: agents that ended or restarted, links that are cut |
 //! | [`script`] | the scenario's events that this process performs |
@@ -28,6 +29,7 @@ use skein_lab::scenario::ScenarioArgs;
 
 pub mod children;
 pub mod columns;
+pub mod fleet;
 pub mod flight;
 pub mod ground;
 pub mod journal;
@@ -38,8 +40,8 @@ pub mod script;
 pub mod status;
 pub mod table;
 
-use flight::Flight;
-use plan::Plan;
+use fleet::Flights;
+use plan::Plans;
 
 /// `skein fly`
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -115,16 +117,22 @@ impl PlantArg {
 /// What stands against the flight, such as a PC that does not carry so many agents; or a flight that never began, lost all its
 /// vehicles, or did not end on the ground.
 pub fn run(args: &FlyArgs) -> Result<(), Error> {
-    let plan = Plan::new(args)?;
+    let plans = Plans::new(args)?;
     // As agents run, and once for all of them.
     unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
-    plan.loaded.notes.iter().for_each(|note| eprintln!("{note}"));
-    script::skipped(plan.scenario()).iter().for_each(|skipped| eprintln!("{skipped}"));
+    let mut notes: Vec<String> = Vec::new();
+    for plan in &plans.plans {
+        let said = plan.loaded.notes.iter().cloned().chain(script::skipped(plan.scenario()));
+        // What holds for several teams is written once.
+        notes.extend(said.filter(|note| !notes.contains(note)).collect::<Vec<_>>());
+    }
+    notes.iter().for_each(|note| eprintln!("{note}"));
     if args.view.is_some() {
         eprintln!("--view: the live page is not implemented yet; the flight continues without it");
     }
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    capacity::ask_for(plan.scenario().swarm.vehicles, args.anyway)?;
+    let vehicles: Vec<usize> = plans.plans.iter().map(|plan| plan.scenario().swarm.vehicles).collect();
+    capacity::ask_for(&vehicles, args.anyway)?;
     let gather_within = Duration::from_secs_f64(args.timeout_s.unwrap_or(GATHER_WITHIN_S));
-    Flight::begin(plan, interrupts, gather_within, args.json)?.fly()
+    Flights::begin(plans, interrupts, gather_within, args.json)?.fly()
 }

@@ -14,7 +14,7 @@ use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, Event, Health, Heartbeat, Message, Order, Reason, Trace};
-use skein_common::topic::{self, Author, Topic};
+use skein_common::topic::{self, Author, Branch, Topic};
 use zenoh::Wait;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Locality, Sample};
@@ -97,6 +97,7 @@ pub struct Observer {
     dropped: Arc<Dropped>,
     vehicles: BTreeMap<VehicleId, VehicleView>,
     swarm: SwarmName,
+    branch: Branch,
     /// Verifies that an order was signed by an operator, where orders are signed.
     orders: Option<Checker>,
     signing_key: Option<Arc<SigningKey>>,
@@ -135,7 +136,8 @@ impl Observer {
         let (sender, inbox) = sync_channel(QUEUE);
         let dropped = Arc::new(Dropped::default());
         let key_ring = reach.security.key_ring(&reach.swarm);
-        let receiver = SwarmReceiver { sender, dropped: dropped.clone(), key_ring, presence: sessions.presence() };
+        let (branch, presence) = (reach.branch, sessions.presence());
+        let receiver = SwarmReceiver { sender, dropped: dropped.clone(), branch, key_ring, presence };
         if steps == TraceSubscription::On {
             receiver.subscribe(session, topic::all::TRACES, SwarmMessage::Trace)?;
         }
@@ -147,11 +149,12 @@ impl Observer {
             Change::Vanished(id) => receiver.enqueue(SwarmMessage::Vanished(id), None),
             Change::Refused(_) => {}
         };
-        sessions.presence().watch(&sessions, note)?;
+        sessions.presence().watch(&sessions, branch, note)?;
         let (swarm, signing_key) = (reach.swarm.clone(), reach.signing_key.clone());
-        let orders = reach.orders_key.map(|key| Checker::new(key, swarm.clone()));
+        let orders = reach.orders_key.map(|key| Checker::new(key, swarm.clone(), branch));
         let own_run = reach.own_run;
-        Ok(Self { sessions, inbox, dropped, vehicles: BTreeMap::new(), swarm, orders, signing_key, own_run })
+        let vehicles = BTreeMap::new();
+        Ok(Self { sessions, inbox, dropped, vehicles, swarm, branch, orders, signing_key, own_run })
     }
 
     /// Returns the messages received since the last call, in order of arrival, and updates [`Self::vehicles`]. Never
@@ -223,7 +226,7 @@ impl Observer {
         let Some(signing_key) = &self.signing_key else { return vec![order] };
         let there = self.vehicles.values().filter(|view| view.alive);
         let runs: BTreeSet<u64> = there.filter_map(|view| view.run).filter(|run| *run != 0).collect();
-        runs.into_iter().map(|run| orders::sign(signing_key, &self.swarm, run, order)).collect()
+        runs.into_iter().map(|run| orders::sign(signing_key, &self.swarm, self.branch, run, order)).collect()
     }
 
     /// Publishes an order to every agent that can be reached now. An order is a register: publishing it again changes
@@ -232,7 +235,7 @@ impl Observer {
     /// # Errors
     /// If Zenoh refuses.
     pub fn order(&self, order: &Order) -> Result<(), ObserveError> {
-        let key = Topic::Order(order.issuer).key();
+        let key = self.branch.key(&Topic::Order(order.issuer));
         self.signed(*order).iter().try_for_each(|order| {
             let put = self.sessions.first().put(key.as_str(), message::encode(order));
             let put = put.congestion_control(CongestionControl::Drop).priority(Priority::RealTime);
@@ -246,6 +249,7 @@ impl Observer {
 struct SwarmReceiver {
     sender: SyncSender<ReceivedMessage>,
     dropped: Arc<Dropped>,
+    branch: Branch,
     key_ring: KeyRing,
     presence: Arc<Presence>,
 }
@@ -260,9 +264,11 @@ impl SwarmReceiver {
         let receiver = self.clone();
         let on_sample = move |sample: Sample| {
             let key = sample.key_expr().as_str();
-            match Topic::parse(key).map(|topic| topic.author()) {
+            match receiver.branch.own(key).map(|topic| topic.author()) {
                 // Replayed by another node, or in flight while the sender's link broke.
-                Some(Author::Vehicle(id)) if !receiver.presence.may_send(id) => count(&receiver.dropped.forged),
+                Some(Author::Vehicle(id)) if !receiver.presence.may_send(receiver.branch.name(id)) => {
+                    count(&receiver.dropped.forged)
+                }
                 _ => match receiver.key_ring.read(key, &sample.payload().to_bytes()) {
                     Ok(verified) => receiver.enqueue(received(verified.message), verified.run),
                     Err(error) => count(match error.reason() {
@@ -272,7 +278,12 @@ impl SwarmReceiver {
                 },
             }
         };
-        session.declare_subscriber(keys).allowed_origin(Locality::Remote).callback(on_sample).background().wait()
+        session
+            .declare_subscriber(self.branch.all(keys))
+            .allowed_origin(Locality::Remote)
+            .callback(on_sample)
+            .background()
+            .wait()
     }
 
     fn enqueue(&self, received: SwarmMessage, run: Option<u64>) {
@@ -470,9 +481,9 @@ mod tests {
         let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, signature: None };
         // Each vehicle's id, its run, and the order that it repeats.
         let repeated = [
-            (1, 7, orders::sign(&signing_key, &swarm, 7, order(3))),
+            (1, 7, orders::sign(&signing_key, &swarm, Branch::SWARM, 7, order(3))),
             (2, 7, order(u64::MAX - 1)),
-            (3, 6, orders::sign(&signing_key, &swarm, 6, order(50))),
+            (3, 6, orders::sign(&signing_key, &swarm, Branch::SWARM, 6, order(50))),
         ];
         let observe = |reach: &Reach| {
             let mut observer = Observer::open(reach, TraceSubscription::Off).unwrap();
@@ -493,7 +504,7 @@ mod tests {
         let given = observer.signed(order(51));
         assert_eq!(given.len(), 2);
         for (given, run) in given.into_iter().zip([6, 7]) {
-            assert!(orders::is_signed(&public, &swarm, run, &given));
+            assert!(orders::is_signed(&public, &swarm, Branch::SWARM, run, &given));
             let mission = Some(Heartbeat { order: Some(given), ..mission(1, 1, 2) });
             let of_run = |run| VehicleView { mission, run: Some(run), ..VehicleView::default() };
             assert_eq!(observer.order_of(&of_run(run)), Some(given));

@@ -4,10 +4,11 @@
 mod effect;
 
 use std::collections::BTreeMap;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::keys::Role;
-use skein_common::id::VehicleId;
+use skein_common::id::{TeamId, VehicleId};
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Source, load};
 
@@ -29,7 +30,9 @@ const REPEAT: Duration = Duration::from_millis(200);
 
 /// `skein order`
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:\n  skein order hold\n  skein order goto 0\n  skein order land -f cluster.toml")]
+#[command(
+    after_help = "Examples:\n  skein order hold\n  skein order goto 0\n  skein order hold --teams 1,3\n  skein order land -f cluster.toml"
+)]
 pub struct OrderArgs {
     /// The order
     #[command(subcommand)]
@@ -37,6 +40,9 @@ pub struct OrderArgs {
     /// The swarm to order.
     #[command(flatten)]
     pub swarm: SwarmArgs,
+    /// The teams of a fleet to order, such as 1,3; without it all of them
+    #[arg(long, global = true, value_name = "N,...", value_delimiter = ',')]
+    pub teams: Vec<TeamId>,
 }
 
 /// The orders of an operator.
@@ -73,30 +79,56 @@ impl From<VerbArg> for Verb {
 /// If no vehicle answers, the mission has no such step, a vehicle in contact does not accept the order, or the order
 /// changes nothing.
 pub fn run(args: &OrderArgs) -> Result<(), Error> {
-    let reach = args.swarm.reach(Role::Operator)?;
+    let reaches = args.swarm.reach_teams(Role::Operator, &args.teams)?;
     let verb = args.verb.into();
-    let mut observer = Observer::open(&reach, TraceSubscription::Off)?;
-    wait_for_heartbeats(&mut observer, &reach);
+    if let [reach] = reaches.as_slice() {
+        skein_lab::terminal::say(&give(reach, verb)?);
+        return Ok(());
+    }
+    // Each team agrees on its own: no team waits for another.
+    let results = thread::scope(|scope| {
+        let given: Vec<_> = reaches.iter().map(|reach| (reach, scope.spawn(|| give(reach, verb)))).collect();
+        let joined = given.into_iter().map(|(reach, given)| {
+            let failed = || Err(Error::Failed(format!("{verb}: the order to {} failed", reach.title())));
+            (reach, given.join().unwrap_or_else(|_| failed()))
+        });
+        joined.collect::<Vec<_>>()
+    });
+    let mut failures = Vec::new();
+    for (reach, result) in results {
+        let team = reach.branch.team().map_or_else(String::new, |team| format!("team {team}: "));
+        match result {
+            Ok(text) => skein_lab::terminal::say(&format!("{team}{text}")),
+            Err(error) => failures.push(format!("{team}{error}")),
+        }
+    }
+    if failures.is_empty() { Ok(()) } else { Err(Error::Failed(failures.join("\n"))) }
+}
+
+/// Gives the order to one swarm. Returns what it has changed.
+fn give(reach: &Reach, verb: Verb) -> Result<String, Error> {
+    let mut observer = Observer::open(reach, TraceSubscription::Off)?;
+    wait_for_heartbeats(&mut observer, reach);
     if senders(&observer).next().is_none() {
-        return Err(Error::Failed(format!("no vehicle of swarm {} answered", reach.swarm)));
+        return Err(Error::Failed(format!("no vehicle of {} answered", reach.title())));
     }
     if let Verb::Goto(step) = verb
-        && let Some(why) = missing_step_of(&observer, &reach, step)
+        && let Some(why) = missing_step_of(&observer, reach, step)
     {
         return Err(Error::Refused(why));
     }
     let before = effect::activities(&observer);
     if verb != Verb::Abort && before.values().any(|activity| *activity == Activity::Aborted) {
         return Err(Error::Failed(format!(
-            "{verb}: refused, because swarm {} was ordered to abort and no order can undo that",
-            reach.swarm
+            "{verb}: refused, because {} was ordered to abort and no order can undo that",
+            reach.title()
         )));
     }
     let order = new_order(&observer, verb);
     if observer.signed(order).is_empty() {
-        return Err(Error::Failed(format!("no vehicle of swarm {} reported the run that it flies in", reach.swarm)));
+        return Err(Error::Failed(format!("no vehicle of {} reported the run that it flies in", reach.title())));
     }
-    note_order(&reach, verb);
+    note_order(reach, verb);
     let (accepted, unresponsive) = distribute(&mut observer, &order)?;
     let effect = wait_for_effect(&mut observer, &before);
     if !unresponsive.is_empty() {
@@ -108,8 +140,7 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
     if !effect.is_any() {
         return Err(Error::Failed(format!("{verb}: no effect: {effect}")));
     }
-    skein_lab::terminal::say(&format!("{verb}: accepted by vehicle {}; {effect}\n", ranges(&accepted)));
-    Ok(())
+    Ok(format!("{verb}: accepted by vehicle {}; {effect}\n", ranges(&accepted)))
 }
 
 /// Records an order on this PC before it is sent, so that a run that was ordered to land is not joined again.

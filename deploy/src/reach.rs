@@ -9,7 +9,8 @@ use std::sync::Arc;
 
 use skein_agent::link::Security;
 use skein_agent::link::signature::{SigningKey, VerificationKey};
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::{SwarmName, TeamId, VehicleId};
+use skein_common::topic::Branch;
 
 use crate::endpoints::{self, Endpoints};
 use crate::inventory::Inventory;
@@ -23,6 +24,8 @@ use skein_lab::error::Error;
 pub struct Reach {
     /// The swarm's name.
     pub swarm: SwarmName,
+    /// The part of the key space that belongs to the swarm: in a fleet, to one team.
+    pub branch: Branch,
     /// Every agent's endpoint in Zenoh's notation, `tls/10.0.0.11:7447`.
     pub agents: BTreeMap<VehicleId, String>,
     /// How the links are secured, and with which role's certificate.
@@ -53,6 +56,7 @@ impl Reach {
     pub fn plain(swarm: SwarmName, agents: BTreeMap<VehicleId, String>, scenario: Flown) -> Self {
         Self {
             swarm,
+            branch: Branch::SWARM,
             agents,
             security: Security::Plain,
             orders_key: None,
@@ -84,9 +88,21 @@ impl Reach {
     }
 }
 
-impl From<Endpoints> for Reach {
-    fn from(there: Endpoints) -> Self {
-        Self::plain(there.swarm, there.agents, Flown::File(there.out.join("scenario.toml")))
+impl Reach {
+    /// Makes a connection to the swarm on this PC that has this branch.
+    pub fn here(there: &Endpoints, branch: Branch) -> Self {
+        let own = there.agents.iter().filter(|(name, _)| name.team == branch.team());
+        let agents = own.map(|(name, agent)| (name.vehicle, agent.clone())).collect();
+        let flown = Flown::File(there.folder(branch).join("scenario.toml"));
+        Self { branch, ..Self::plain(there.swarm.clone(), agents, flown) }
+    }
+
+    /// What messages call it: `swarm lab`, or in a fleet `team 3 of fleet lab`.
+    pub fn title(&self) -> String {
+        match self.branch.team() {
+            Some(team) => format!("team {team} of fleet {}", self.swarm),
+            None => format!("swarm {}", self.swarm),
+        }
     }
 }
 
@@ -112,8 +128,42 @@ impl SwarmArgs {
                 Err(Error::Refused("give either --swarm, for a swarm on this PC, or -f, for a cluster".to_owned()))
             }
             (None, Some(file)) => Inventory::read(file)?.reach(role),
-            (swarm, None) => Ok(endpoints::find(&endpoints::folder(), swarm.as_ref())?.into()),
+            (swarm, None) => {
+                let there = endpoints::find(&endpoints::folder(), swarm.as_ref())?;
+                match there.branches().as_slice() {
+                    [branch] => Ok(Reach::here(&there, *branch)),
+                    several => Err(Error::Refused(format!(
+                        "{} is a fleet of {} teams: choose one with --team N",
+                        there.swarm,
+                        several.len()
+                    ))),
+                }
+            }
         }
+    }
+
+    /// Returns how to connect to the chosen teams of the chosen swarm in this role; without `teams` to all of them, or to
+    /// the one swarm that has no teams.
+    ///
+    /// # Errors
+    /// As [`Self::reach`], or if there is no such team.
+    pub fn reach_teams(&self, role: Role, teams: &[TeamId]) -> Result<Vec<Reach>, Error> {
+        if self.file.is_some() {
+            return match teams {
+                [] => Ok(vec![self.reach(role)?]),
+                _ => Err(Error::Refused("--teams: a cluster flies one swarm".to_owned())),
+            };
+        }
+        let there = endpoints::find(&endpoints::folder(), self.swarm.as_ref())?;
+        let branches = there.branches();
+        if let Some(missing) = teams.iter().find(|team| !branches.contains(&Branch::of(Some(**team)))) {
+            return Err(Error::Refused(match branches.as_slice() {
+                [only] if only.team().is_none() => format!("--teams: {} is one swarm without teams", there.swarm),
+                several => format!("fleet {} has teams 1 to {}, not {missing}", there.swarm, several.len()),
+            }));
+        }
+        let is_chosen = |branch: &Branch| teams.is_empty() || branch.team().is_some_and(|team| teams.contains(&team));
+        Ok(branches.into_iter().filter(is_chosen).map(|branch| Reach::here(&there, branch)).collect())
     }
 }
 

@@ -5,6 +5,7 @@ pub mod central_summary;
 pub mod conversion;
 pub mod divergence;
 pub mod faults;
+pub mod fleets;
 pub mod formation_error;
 pub mod golden;
 pub mod halves;
@@ -21,13 +22,13 @@ use std::num::NonZeroUsize;
 use std::ops::Range;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::{Scenario, Source, load};
+use skein_common::scenario::{Scenario, Source, load, load_any};
 use skein_common::statistics::median;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_lab::external::LawPool;
 use skein_lab::metrics::AIRBORNE_ABOVE_M;
-use skein_lab::study::{self, Study};
+use skein_lab::study::{self, FleetStudy, Study};
 use skein_lab::world::World;
 
 /// The shipped scenarios, by name.
@@ -70,6 +71,17 @@ pub fn of_scenario(scenario: Scenario) -> Study {
         rules: Rules::shipped(),
         laws: LawPool::default(),
     }
+}
+
+/// A study of a fleet's file with this seed, and the shipped aircraft and rules.
+///
+/// # Panics
+/// If the text does not describe a fleet.
+pub fn fleet(text: &str, seed: u64) -> FleetStudy {
+    let described = load_any(&Source { name: "fleet.toml", text }, &[format!("seed={seed}")]).expect("a valid fleet");
+    let origin = described.first().scenario.team.expect("a fleet").origin;
+    let teams = described.all().iter().map(|team| of_scenario(team.scenario.clone())).collect();
+    FleetStudy { teams, seed, origin }
 }
 
 /// Every pair of airborne vehicles, the smaller id first, with its distance, m.

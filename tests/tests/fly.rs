@@ -17,9 +17,11 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein::endpoints;
 use skein::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein::reach::Reach;
 use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Source, load};
 use skein_common::time::SenderStamp;
+use skein_common::topic::Branch;
 use skein_lab::record;
 use skein_lab::recording::{NotedKind, Track};
 use tempfile::TempDir;
@@ -103,7 +105,7 @@ impl Place {
     /// Opens an observer of the swarm, as `fly` does.
     fn observer(&self) -> Observer {
         let endpoints = endpoints::find(&self.runtime().join("skein"), None).unwrap();
-        Observer::open(&endpoints.into(), TraceSubscription::On).unwrap()
+        Observer::open(&Reach::here(&endpoints, Branch::SWARM), TraceSubscription::On).unwrap()
     }
 
     fn wait_until_all_processes_ended(&self) {

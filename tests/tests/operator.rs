@@ -159,6 +159,9 @@ fn health_reports_of_vehicles_are_shown_without_control_characters() {
         refused: Vec::new(),
         state_messages: 0,
         state_bytes: 0,
+        links: 0,
+        sent: Default::default(),
+        received: Default::default(),
         peers: Vec::new(),
     };
     let is_over = AtomicBool::new(false);

@@ -12,7 +12,9 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use skein::endpoints;
 use skein::observe::{Observer, TraceSubscription};
+use skein::reach::Reach;
 use skein_common::state::Activity;
+use skein_common::topic::Branch;
 use tempfile::TempDir;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
@@ -59,7 +61,7 @@ impl Flight {
     fn wait_until_it_flies(&self) {
         let runtime = self.folder.path().join("runtime/skein");
         let endpoints = wait_for(|| endpoints::find(&runtime, None).ok());
-        let mut observer = Observer::open(&endpoints.into(), TraceSubscription::On).unwrap();
+        let mut observer = Observer::open(&Reach::here(&endpoints, Branch::SWARM), TraceSubscription::On).unwrap();
         wait_for(|| {
             observer.poll();
             let flies = |id: &u8| {

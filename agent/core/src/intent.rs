@@ -6,7 +6,7 @@
 //! outside. A team waits
 //!
 //! 1. for a team that occupies a part of the wanted area. A team with a larger number that waits to leave it gives way at
-//!    once if it wants to change places, and after [`PATIENCE_S`] in any case;
+//!    once if it wants to change places, and after [`WAIT_LIMIT_S`] in any case;
 //! 2. for a team with a smaller number that wants a part of it too.
 //!
 //! So no circle of waiting teams lasts: along a circle the numbers must rise somewhere, rule 2 never waits for a larger
@@ -28,7 +28,7 @@ use crate::mission::plan::{self, Kind, Leg};
 /// Time for which an area must have been free, s.
 pub const SETTLED_S: f64 = 2.0;
 /// Time after which a team no longer waits for a larger number that itself waits, s.
-pub const PATIENCE_S: f64 = 60.0;
+pub const WAIT_LIMIT_S: f64 = 60.0;
 /// Time between two messages without a change, s.
 const PERIOD_S: f64 = 1.0;
 /// Time for which an intent holds without another message, s.
@@ -120,7 +120,7 @@ impl Waiting {
     pub fn waits_for(&self, other: TeamId, intent: &Intent) -> bool {
         let wants = |area: &Area| intent.wanted.is_some_and(|wanted| wanted.meets(area));
         let gives_way =
-            self.team < other && intent.wanted.is_some() && (wants(&self.occupied) || self.for_s > PATIENCE_S);
+            self.team < other && intent.wanted.is_some() && (wants(&self.occupied) || self.for_s > WAIT_LIMIT_S);
         let is_taken = intent.occupied.meets(&self.wanted) && !gives_way;
         is_taken || other < self.team && wants(&self.wanted)
     }
@@ -170,14 +170,17 @@ impl Intents {
         }
     }
 
-    /// Whether another team keeps this one from the step after `step`. `is_complete` states that this vehicle has done
-    /// everything else in its step.
+    /// Whether another team keeps this one from the step after `step`, or may do so. `is_complete` states that this vehicle
+    /// has done everything else in its step: only then it wants the next area, and learns whether that is free.
     pub fn is_next_taken(&mut self, now: LocalTime, step: u32, is_complete: bool) -> bool {
-        let wanted = if is_complete { self.next_area(step) } else { None };
-        let Some((occupied, wanted)) = self.area(step).zip(wanted) else {
+        let Some((occupied, wanted)) = self.area(step).zip(self.next_area(step)) else {
             (self.wanted_since, self.free_since) = (None, None);
             return false;
         };
+        if !is_complete {
+            (self.wanted_since, self.free_since) = (None, None);
+            return true;
+        }
         self.known.retain(|known| now.seconds_since(known.at) < HELD_S);
         let for_s = now.seconds_since(*self.wanted_since.get_or_insert(now));
         let waiting = Waiting { team: self.team, occupied, wanted, for_s };
@@ -244,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_team_waits_for_whoever_is_there_and_for_smaller_numbers_that_want_it() {
+    fn a_team_waits_for_one_that_is_there_and_for_smaller_numbers_that_want_it() {
         assert!(waits(1, 0.0, 2, 1100.0, None), "occupied");
         assert!(waits(2, 99.0, 1, 1100.0, None), "occupied, however long");
         assert!(waits(2, 0.0, 1, 2000.0, Some(1000.0)), "the smaller number first");
@@ -278,7 +281,7 @@ mod tests {
         let at = LocalTime::from_seconds;
         let mut intents =
             intents("[mission]\nsteps = [{ centre_ne_m = [0, 0] }, { centre_ne_m = [1000, 0] }, { land = true }]");
-        assert!(!intents.is_next_taken(at(1.0), 0, false));
+        assert!(intents.is_next_taken(at(1.0), 0, false), "it has not asked yet");
         assert_eq!(intents.due(at(1.0), 0).unwrap().wanted, None);
         assert!(intents.due(at(1.5), 0).is_none() && intents.due(at(2.0), 0).is_some(), "once a second");
         assert!(intents.is_next_taken(at(2.1), 0, true));

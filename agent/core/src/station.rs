@@ -73,6 +73,15 @@ impl Clocks {
     }
 }
 
+/// What an agent takes where it lies in the frame in which it arrives, so that it is not copied for each vehicle.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct InPlace<'a> {
+    /// Messages to all vehicles of the swarm.
+    pub broadcast: Broadcast<'a>,
+    /// States of other teams.
+    pub strangers: &'a [StrangerState],
+}
+
 /// One vehicle's agent with its clocks, its sensors and the scenario's network impairments.
 #[derive(Clone, Debug)]
 pub struct Station {
@@ -161,17 +170,14 @@ impl Station {
 
     /// Steps the agent at this correct time. `measurement` is the exact one of a new frame, `None` if none arrived in
     /// time: the scenario's sensors decide what the agent gets of it. `plant_time` is the time of the newest frame.
-    /// `leave` makes this vehicle land and leave the swarm. `answer` is
-    /// an external law's reply. `broadcast` are messages, and `strangers` states of other teams, that the agent takes in
-    /// place.
+    /// `leave` makes this vehicle land and leave the swarm. `answer` is an external law's reply.
     pub fn step(
         &mut self,
         right: LocalTime,
         (plant_time, measurement): (PlantTime, Option<&Measurement>),
         leave: bool,
         answer: Option<&LawReply>,
-        broadcast: Broadcast<'_>,
-        strangers: &[StrangerState],
+        in_place: InPlace<'_>,
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let measured;
@@ -182,8 +188,8 @@ impl Station {
             }
             (_, measurement) => measurement,
         };
-        let strangers = StrangersReceived { stamped: &self.strangers, now: strangers };
-        let (received, intents) = (&*self.received, &*self.intents);
+        let strangers = StrangersReceived { stamped: &self.strangers, now: in_place.strangers };
+        let (received, intents, broadcast) = (&*self.received, &*self.intents, in_place.broadcast);
         let inputs = Inputs { measurement, received, broadcast, strangers, intents, leave, answer };
         let outputs = self.agent.step(now, &inputs);
         self.received.clear();

@@ -3,10 +3,10 @@
 //! Across the teams of a fleet only states travel. A stranger's mission and law are unknown, and it may know nothing of
 //! this vehicle: it is an obstacle that moves, and the safety filter keeps clear of it alone. Its newest state is
 //! extrapolated at constant velocity from its arrival on. The delay of its messages is unknown, because strangers
-//! exchange no heartbeats: its position is uncertain by the distance that it flies in [`UNKNOWN_DELAY_S`], and by more
-//! the longer it is silent. A stranger that has been silent for [`FORGOTTEN_S`] has left the cells around, or flown away.
+//! exchange no heartbeats: its position is uncertain by the distance that it flies in 0.4 s, and by more
+//! the longer it is silent. A stranger that has been silent for 10 s has left the cells around, or flown away.
 //!
-//! Most strangers are far away. Those that may come within reach soon are looked up every [`LOOK_UP_S`], and a frame
+//! Most strangers are far away. Those that may come within reach soon are looked up every 0.5 s, and a frame
 //! extrapolates only them.
 
 use alloc::vec::Vec;

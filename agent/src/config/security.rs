@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use crate::link::Security;
 use crate::link::security::{PeerIdentity, Tls, identities_by_vehicle};
@@ -28,7 +28,7 @@ pub struct SecurityTable {
     pub operator: String,
     /// Certificate name and public key of each vehicle.
     #[serde(deserialize_with = "identities_by_vehicle")]
-    pub vehicles: BTreeMap<VehicleId, PeerIdentity>,
+    pub vehicles: BTreeMap<VehicleName, PeerIdentity>,
 }
 
 impl SecurityTable {

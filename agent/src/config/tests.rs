@@ -24,7 +24,7 @@ fn by_config(folder: &TempDir) -> AgentOptions {
 
 fn by_scenario(folder: &TempDir, id: u8) -> AgentOptions {
     let scenario = Some(folder.path().join("scenarios/three.toml"));
-    AgentOptions { config: None, scenario, id: VehicleId::new(id).ok(), ..by_config(folder) }
+    AgentOptions { config: None, scenario, id: VehicleId::new(id).ok().map(VehicleName::from), ..by_config(folder) }
 }
 
 fn address(plant: &PlantChoice) -> Option<String> {
@@ -71,7 +71,8 @@ fn a_nodes_file_names_its_keys_and_all_vehicles() {
     let Security::Tls(tls) = &node.security else { panic!("plain") };
     assert_eq!(tls.authority, folder.path().join("authority.pem"));
     assert_eq!(tls.key, folder.path().join("keys/node.key"));
-    let known: Vec<_> = tls.vehicles.iter().map(|(id, known)| (id.get(), known.name.as_str(), known.key)).collect();
+    let known: Vec<_> =
+        tls.vehicles.iter().map(|(id, known)| (id.vehicle.get(), known.name.as_str(), known.key)).collect();
     assert_eq!(known, [(1, "vehicle-1", [1; 32].into()), (3, "vehicle-3.2", [2; 32].into())]);
     assert_eq!((tls.observer.as_str(), tls.operator.as_str()), ("observer", "operator.2"));
     let mut orders_key: [u8; 32] = std::array::from_fn(|nth| nth as u8);
@@ -177,6 +178,20 @@ fn files_with_errors_are_refused_in_one_sentence() {
         let folder = folder(&(place.to_owned() + text));
         let error = by_config(&folder).node().unwrap_err().to_string();
         assert!(error.contains(expected) && !error.contains('\n'), "{error}");
+    }
+    for (fleet, id, good) in [
+        ("", "3", true),
+        ("", "\"1/3\"", false),
+        ("[fleet]\nteams = 2\n", "\"2/3\"", true),
+        ("[fleet]\nteams = 2\n", "3", false),
+        ("[fleet]\nteams = 2\n", "\"3/3\"", false),
+    ] {
+        let folder = folder(&format!("{place}id = {id}\nlisten = []\ndial = []"));
+        fs::write(folder.path().join("scenarios/three.toml"), SCENARIO.to_owned() + fleet).unwrap();
+        match by_config(&folder).node() {
+            Ok(node) => assert!(good && node.scenario.team.is_some() != fleet.is_empty(), "{fleet}{id}"),
+            Err(error) => assert!(!good && error.to_string().contains("named with its team, 3/7"), "{error}"),
+        }
     }
     let error = by_config(&folder("scenario = \"x.toml\"\nid = 1\nlisten = []\ndial = []")).node().unwrap_err();
     assert!(error.to_string().starts_with("cannot read ") && error.to_string().contains("x.toml"), "{error}");

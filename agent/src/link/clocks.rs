@@ -59,13 +59,15 @@ impl Clocks {
         utc: Utc,
     ) -> Result<Self, LinkError> {
         let for_queries = receiver.clone();
+        let key = receiver.branch.key(&Topic::Clock(own));
+        let answer_key = key.clone();
         let answer = move |query: &Query| {
             let received_ns = utc();
             let question = u64::from_le_bytes(query.payload()?.to_bytes().as_ref().try_into().ok()?);
             let answer = ClockAnswer { sender: own, question, received_ns, answered_ns: utc().max(received_ns) };
-            Some(for_queries.write(&Topic::Clock(own).key(), &answer))
+            Some(for_queries.write(&answer_key, &answer))
         };
-        let queryables = queries::answer_queries(sessions, Topic::Clock(own), answer)?;
+        let queryables = queries::answer_queries(sessions, key, answer)?;
         let sessions = sessions.all.iter().map(Arc::downgrade).collect();
         let (receiver, measurements) = (receiver.clone(), Arc::default());
         Ok(Self { sessions, receiver, utc, measurements, asked: None, _queryables: queryables })
@@ -96,7 +98,12 @@ impl Clocks {
         };
         // The peer is linked to one of the sessions.
         for session in self.sessions.iter().filter_map(Weak::upgrade) {
-            queries::send_query(&session, Topic::Clock(id), &asked_ns.to_le_bytes(), take.clone());
+            queries::send_query(
+                &session,
+                self.receiver.branch.key(&Topic::Clock(id)),
+                &asked_ns.to_le_bytes(),
+                take.clone(),
+            );
         }
     }
 

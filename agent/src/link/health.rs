@@ -1,9 +1,11 @@
 //! Publishes health once a second, on a thread that may block: the control thread's report, completed by the link's own
 //! counts and clock comparison.
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use skein_common::id::VehicleId;
 use skein_common::message::{Health, Refused};
+
+use zenoh::{Session, Wait};
 
 use super::clocks::{Clocks, live};
 use super::{LinkReceiver, MessagePublisher};
@@ -13,13 +15,17 @@ pub struct HealthPublisher {
     pub(super) publisher: MessagePublisher<Health>,
     pub(super) receiver: Arc<LinkReceiver>,
     pub(super) clocks: Clocks,
+    /// Weak, so that the sessions end with the link.
+    pub(super) sessions: Vec<Weak<Session>>,
     /// Peers in contact at the last health message.
     pub(super) live: Vec<VehicleId>,
 }
 
 impl HealthPublisher {
-    /// Publishes a health message after adding the refused messages and the peers' clock offsets.
+    /// Publishes a health message after adding the refused messages, the traffic and the peers' clock offsets.
     pub fn publish(&mut self, mut health: Health) {
+        health.links = self.links();
+        (health.sent, health.received) = self.receiver.traffic.counts();
         let of_core = std::mem::take(&mut health.refused);
         health.refused = self.receiver.refused();
         health.refused.extend(of_core);
@@ -27,6 +33,13 @@ impl HealthPublisher {
         self.live = live(&health.peers);
         self.clocks.report(&mut health.peers);
         self.publisher.publish(&health);
+    }
+
+    /// Number of links of all sessions.
+    fn links(&self) -> u32 {
+        let sessions = self.sessions.iter().filter_map(Weak::upgrade);
+        let links: usize = sessions.map(|session| session.info().peers_zid().wait().count()).sum();
+        u32::try_from(links).unwrap_or(u32::MAX)
     }
 
     /// Queries the next peer for its time. Call it every [`CLOCK_QUERY_PERIOD`](super::CLOCK_QUERY_PERIOD). Never

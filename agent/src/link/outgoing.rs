@@ -15,7 +15,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use skein_common::message::{Event, Heartbeat, State, Trace};
+use skein_common::message::{Event, Heartbeat, Intent, State, Trace};
 use skein_common::topic::Cell;
 
 /// Longest queue of events; a vehicle has a handful in a minute.
@@ -38,6 +38,10 @@ pub struct Messages {
     pub events: Vec<Event>,
     /// Trace of the step.
     pub trace: Option<Trace>,
+    /// The intent of the own team, and the cells whose keys it is published under.
+    pub intent: Option<(Intent, Vec<Cell>)>,
+    /// The cells to subscribe to from now on, if they have changed.
+    pub cells: Option<Vec<Cell>>,
 }
 
 /// Messages that were handed over and not yet sent.
@@ -47,6 +51,8 @@ pub(super) struct Waiting {
     pub(super) mission: Option<Heartbeat>,
     pub(super) events: VecDeque<Event>,
     pub(super) traces: VecDeque<Trace>,
+    pub(super) intent: Option<(Intent, Vec<Cell>)>,
+    pub(super) cells: Option<Vec<Cell>>,
 }
 
 /// The publisher's thread and its waiting messages.
@@ -159,6 +165,8 @@ impl Held {
         let Self { waiting, dropped, .. } = self;
         waiting.state = messages.state.or(waiting.state.take());
         waiting.mission = messages.mission.or(waiting.mission.take());
+        waiting.intent = messages.intent.or(waiting.intent.take());
+        waiting.cells = messages.cells.or(waiting.cells.take());
         for event in messages.events {
             *dropped += push(&mut waiting.events, event, MAX_EVENTS);
         }
@@ -179,7 +187,11 @@ impl Waiting {
     }
 
     fn has_more_than_traces(&self) -> bool {
-        self.state.is_some() || self.mission.is_some() || !self.events.is_empty()
+        self.state.is_some()
+            || self.mission.is_some()
+            || self.cells.is_some()
+            || self.intent.is_some()
+            || !self.events.is_empty()
     }
 }
 

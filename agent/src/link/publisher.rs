@@ -29,10 +29,10 @@ impl<M: Message> MessagePublisher<M> {
     pub(super) fn open(
         sessions: &Sessions,
         receiver: &Arc<LinkReceiver>,
-        topic: Topic,
+        topic: &Topic,
         priority: Priority,
     ) -> Result<Self, LinkError> {
-        let key = topic.key();
+        let key = receiver.branch.key(topic);
         let declare = |session: &Arc<Session>| {
             session
                 .declare_publisher(key.clone())
@@ -58,6 +58,7 @@ impl<M: Message> MessagePublisher<M> {
 
     /// Publishes an encoded message.
     pub(super) fn put(&self, bytes: Vec<u8>) {
+        self.receiver.traffic.sent(bytes.len());
         let bytes = ZBytes::from(bytes);
         for publisher in &self.publishers {
             // It fails only on a closed session, which has no subscribers.

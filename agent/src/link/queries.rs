@@ -4,7 +4,6 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use skein_common::topic::Topic;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, Query, QueryTarget, Queryable};
 use zenoh::sample::{Locality, Sample};
@@ -22,12 +21,12 @@ pub(super) struct LastHeartbeat {
 }
 
 impl LastHeartbeat {
-    /// Starts to answer queries for this topic; the first reply needs a [`LastHeartbeat::keep`].
-    pub(super) fn open(sessions: &Sessions, topic: Topic) -> Result<Self, LinkError> {
+    /// Starts to answer queries for this key; the first reply needs a [`LastHeartbeat::keep`].
+    pub(super) fn open(sessions: &Sessions, key: String) -> Result<Self, LinkError> {
         let last = Arc::<Mutex<Vec<u8>>>::default();
         let for_queries = last.clone();
         let reply = move |_: &Query| Some(lock(&for_queries).clone()).filter(|bytes| !bytes.is_empty());
-        let queryables = answer_queries(sessions, topic, reply)?;
+        let queryables = answer_queries(sessions, key, reply)?;
         Ok(Self { last, _queryables: queryables })
     }
 
@@ -42,13 +41,12 @@ fn lock(shared: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Answers queries for this topic on one of Zenoh's threads, with the bytes that `reply` returns.
+/// Answers queries for this key on one of Zenoh's threads, with the bytes that `reply` returns.
 pub(super) fn answer_queries(
     sessions: &Sessions,
-    topic: Topic,
+    key: String,
     reply: impl Fn(&Query) -> Option<Vec<u8>> + Clone + Send + Sync + 'static,
 ) -> Result<Vec<Queryable<()>>, LinkError> {
-    let key = topic.key();
     let declare = |session: &Arc<Session>| {
         let (own_key, reply) = (key.clone(), reply.clone());
         let answer = move |query: Query| {
@@ -68,12 +66,12 @@ pub(super) fn answer_queries(
 /// one of Zenoh's threads.
 pub(super) fn send_query(
     session: &Session,
-    topic: Topic,
+    key: String,
     question: &[u8],
     on_reply: impl Fn(&Sample) + Send + Sync + 'static,
 ) {
     let query = session
-        .get(topic.key())
+        .get(key)
         .payload(question)
         // A node that declares itself complete for all keys must not be the only one queried.
         .target(QueryTarget::All)

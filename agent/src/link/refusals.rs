@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use skein_common::message::{Drops, Reason, Refused};
-use skein_common::topic::Topic;
+use skein_common::topic::{Branch, Topic};
 
 /// Number of reasons.
 const REASONS: usize = Reason::Old as usize + 1;
@@ -67,9 +67,10 @@ impl Refusals {
 
 /// The key without the parts that vary: a vehicle's cell and an order's issuer.
 fn without_cell(key: &str) -> String {
-    match Topic::parse(key) {
-        Some(Topic::State(id, _)) => format!("vehicle/{id}/state"),
-        Some(Topic::Order(_)) => "order".to_owned(),
+    match Branch::parse(key) {
+        Some((branch, Topic::State(id, _))) => branch.all(&format!("vehicle/{id}/state")),
+        Some((branch, Topic::Intent(id, _))) => branch.all(&format!("vehicle/{id}/intent")),
+        Some((branch, Topic::Order(_))) => branch.all("order"),
         _ => key.to_owned(),
     }
 }

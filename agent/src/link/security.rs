@@ -3,6 +3,7 @@
 //! a message.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::fs;
 use std::io;
 use std::path::PathBuf;
@@ -10,7 +11,7 @@ use std::str::FromStr;
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::{SwarmName, VehicleName};
 use zenoh::config::EndPoint;
 
 use super::LinkError;
@@ -35,8 +36,8 @@ pub struct Tls {
     pub certificate: PathBuf,
     /// File of its private key, PEM. A vehicle also signs its messages with this key.
     pub key: PathBuf,
-    /// Vehicles of the swarm.
-    pub vehicles: BTreeMap<VehicleId, PeerIdentity>,
+    /// Vehicles of the swarm, or of the whole fleet.
+    pub vehicles: BTreeMap<VehicleName, PeerIdentity>,
     /// Common name in observers' certificates.
     pub observer: String,
     /// Common name in the operator's certificate.
@@ -53,13 +54,17 @@ pub struct PeerIdentity {
     pub key: VerificationKey,
 }
 
-/// Deserializes a table of vehicle identities whose keys are vehicle ids.
+/// Deserializes a table of vehicle identities whose keys are the vehicles' ids or names.
 ///
 /// # Errors
-/// If a key of the table is not a vehicle id.
-pub fn identities_by_vehicle<'de, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<VehicleId, PeerIdentity>, D::Error> {
+/// If a key of the table does not name a vehicle.
+pub fn identities_by_vehicle<'de, D, V>(of: D) -> Result<BTreeMap<V, PeerIdentity>, D::Error>
+where
+    D: Deserializer<'de>,
+    V: FromStr<Err: fmt::Display> + Ord,
+{
     let vehicles = BTreeMap::<String, PeerIdentity>::deserialize(of)?.into_iter();
-    vehicles.map(|(id, known)| id.parse().map(|id| (id, known)).map_err(D::Error::custom)).collect()
+    vehicles.map(|(name, known)| name.parse().map(|name| (name, known)).map_err(D::Error::custom)).collect()
 }
 
 impl Security {
@@ -96,7 +101,7 @@ impl Security {
     ///
     /// # Errors
     /// If the file has no Ed25519 key, or not the key that the swarm has for this vehicle.
-    pub fn signing_key(&self, own: VehicleId) -> Result<Option<SigningKey>, LinkError> {
+    pub fn signing_key(&self, own: VehicleName) -> Result<Option<SigningKey>, LinkError> {
         let Self::Tls(tls) = self else { return Ok(None) };
         let fault = |source| LinkError::File { path: tls.key.clone(), source };
         let text = fs::read_to_string(&tls.key).map_err(fault)?;

@@ -1,6 +1,7 @@
 mod clocks;
 mod orders;
 mod secured;
+mod teams;
 
 use std::process;
 use std::time::{Duration, Instant};
@@ -35,6 +36,7 @@ fn trust(swarm: &SwarmName) -> Trust {
     Trust {
         swarm: swarm.clone(),
         vehicles: VehicleId::MAX.into(),
+        team: None,
         origin: origin(),
         plan: 7,
         orders: None,

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use skein_common::frame::Origin;
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::{SwarmName, TeamId, VehicleId};
 use skein_common::message::{Heartbeat, Order, Reason};
-use skein_common::scenario::Scenario;
+use skein_common::scenario::{Scenario, TeamInFleet};
+use skein_common::topic::Branch;
 
 use super::signature::messages::KeyRing;
 use super::signature::orders::Checker;
@@ -17,6 +18,8 @@ use skein_core::peers::PeerMessage;
 pub struct Trust {
     /// Name of the swarm.
     pub swarm: SwarmName,
+    /// The team of the fleet that the swarm is, if it is one.
+    pub team: Option<TeamInFleet>,
     /// Origin of the swarm's frame, in which positions are used.
     pub origin: Origin,
     /// Number of its vehicles; their ids are 1 to `vehicles`.
@@ -40,7 +43,12 @@ impl Trust {
         let (swarm, vehicles) = (scenario.swarm.name.clone(), scenario.swarm.vehicles);
         let (plan, key_ring) = (scenario.plan_hash(), KeyRing::plain(swarm.clone()));
         let origin = Origin::new(scenario.origin.geodetic());
-        Self { swarm, origin, vehicles, plan, orders: None, run: 0, key_ring, signing_key: None }
+        Self { swarm, team: scenario.team, origin, vehicles, plan, orders: None, run: 0, key_ring, signing_key: None }
+    }
+
+    /// The part of the key space that belongs to the swarm.
+    pub fn branch(&self) -> Branch {
+        Branch::of(self.team.map(|team| team.id))
     }
 }
 
@@ -48,6 +56,9 @@ impl Trust {
 #[derive(Debug)]
 pub(super) struct Verifier {
     own: VehicleId,
+    branch: Branch,
+    /// Number of teams of the fleet; 0 without one.
+    teams: u16,
     vehicles: usize,
     plan: u64,
     orders: Option<Checker>,
@@ -56,9 +67,10 @@ pub(super) struct Verifier {
 
 impl Verifier {
     pub(super) fn new(own: VehicleId, trust: Trust) -> Self {
+        let (branch, teams) = (trust.branch(), trust.team.map_or(0, |team| team.teams));
         let Trust { swarm, vehicles, plan, orders, run, .. } = trust;
-        let orders = orders.map(|key| Checker::new(key, swarm));
-        Self { own, vehicles, plan, orders, run }
+        let orders = orders.map(|key| Checker::new(key, swarm, branch));
+        Self { own, branch, teams, vehicles, plan, orders, run }
     }
 
     /// Run of the swarm that this agent is in.
@@ -104,6 +116,20 @@ impl Verifier {
                 None
             }
             _ => Some(message),
+        }
+    }
+
+    /// Checks a state of another team's vehicle. `run` is the run in its signature, if it has one. The number of
+    /// vehicles of another team is not known here; where messages are signed, only a vehicle of the fleet has a key.
+    ///
+    /// # Errors
+    /// Why the state is refused.
+    pub(super) fn accept_stranger(&self, team: TeamId, run: Option<u64>) -> Result<(), Reason> {
+        match run {
+            _ if Some(team) == self.branch.team() => Err(Reason::Forged),
+            _ if team.get() > self.teams => Err(Reason::Stranger),
+            Some(run) if run != self.run => Err(Reason::OtherRun),
+            _ => Ok(()),
         }
     }
 

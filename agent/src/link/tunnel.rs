@@ -25,7 +25,7 @@ use std::net::{IpAddr, TcpListener as StdListener};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, copy, split};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Runtime};
@@ -312,7 +312,7 @@ fn host(address: &str) -> &str {
 /// The other end of a link.
 impl Peer {
     /// A host with this certificate name, whose certificate is valid for `valid_for`.
-    fn new(name: String, vehicle: Option<VehicleId>, valid_for: Duration) -> Self {
+    fn new(name: String, vehicle: Option<VehicleName>, valid_for: Duration) -> Self {
         Self { name, vehicle, valid_for }
     }
 

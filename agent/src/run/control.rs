@@ -3,24 +3,27 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use skein_common::frame::Origin;
+use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused, Trace};
+use skein_common::message::{Area, Drops, Event, Header, Health, Intent, PeerHealth, Reason, Refused, Trace, Traffic};
 use skein_common::state::Activity;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_common::topic::Cell;
 use tokio::sync::mpsc;
 
 use super::Stop;
+use super::neighbourhood::Neighbourhood;
 use super::silence::SilenceMonitor;
 use super::timing::{Summary, Timing};
 use crate::external::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::Outputs;
+use skein_core::intent::ReceivedIntent;
 use skein_core::outbox::Outbox;
-use skein_core::peers::{Broadcast, Received};
+use skein_core::peers::Received;
 use skein_core::plant::{Frame, Plant, Wake};
-use skein_core::station::Station;
+use skein_core::station::{InPlace, Station};
+use skein_core::strangers::StrangerState;
 use skein_host::clock::{LocalClock, now, sleep_until};
 
 /// Longest wait for the plant's frame, in frame periods. The agent then steps without a frame.
@@ -41,7 +44,12 @@ pub(super) struct Control {
     /// The external law, if the scenario has one.
     pub(super) law: Option<LiveLaw>,
     pub(super) clock: LocalClock,
+    /// Origin from which the cells of the map are counted: the fleet's, or the swarm's own.
     pub(super) origin: Origin,
+    /// Origin of the swarm's frame.
+    pub(super) own_origin: Origin,
+    /// The cells around, if other teams share the air.
+    pub(super) neighbourhood: Option<Neighbourhood>,
     pub(super) own: VehicleId,
     pub(super) incarnation: Incarnation,
     pub(super) stop: Arc<Stop>,
@@ -55,6 +63,8 @@ struct LoopState {
     silence: SilenceMonitor,
     plant_time: PlantTime,
     arrived: Vec<Received>,
+    strangers: Vec<StrangerState>,
+    intents: Vec<ReceivedIntent>,
     events: u64,
     healths: u64,
 }
@@ -69,6 +79,8 @@ impl Control {
             silence: SilenceMonitor::new(),
             plant_time: PlantTime::ZERO,
             arrived: Vec::new(),
+            strangers: Vec::new(),
+            intents: Vec::new(),
             events: 0,
             healths: 0,
         };
@@ -105,7 +117,7 @@ impl Control {
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
         let Outputs { command, outbox, ask } =
-            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), Broadcast::default(), &[]);
+            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), InPlace::default());
         if let Some(command) = command {
             self.plant.command(command);
         }
@@ -137,20 +149,44 @@ impl Control {
             self.station.did_not_run(late_s);
         }
         self.station.receive(true_time, kept.arrived.drain(..));
+        if self.neighbourhood.is_some() {
+            self.link.drain_strangers(&mut kept.strangers, &mut kept.intents);
+            self.station.receive_strangers(true_time, kept.strangers.drain(..));
+            self.station.receive_intents(true_time, kept.intents.drain(..));
+        }
     }
 
     /// Hands the messages of this step to the publisher's thread.
     fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, kept: &mut LoopState) {
-        let state = outbox.state.map(|state| (state, Cell::of(self.origin.ned_from_geodetic(&state.state.position))));
+        let position = outbox.state.map(|state| self.origin.ned_from_geodetic(&state.state.position));
+        let state = outbox.state.zip(position.map(Cell::of));
+        let intent = outbox.intent.map(|intent| (intent, self.cells_of(&intent)));
+        let cells = position.and_then(|position| self.cells_around(position));
         let event = |what| {
             kept.events += 1;
             tracing::info!("vehicle {} {what}", self.own);
             Event { header: self.header(now, kept.events), what }
         };
         let events: Vec<Event> = outbox.happened.into_iter().map(event).collect();
-        if state.is_some() || outbox.mission.is_some() || !events.is_empty() || trace.is_some() {
-            self.link.send(Messages { state, mission: outbox.mission, events, trace });
+        if state.is_some() || outbox.mission.is_some() || intent.is_some() || !events.is_empty() || trace.is_some() {
+            self.link.send(Messages { state, mission: outbox.mission, events, trace, intent, cells });
         }
+    }
+
+    /// The cells of the areas that an intent names.
+    fn cells_of(&self, intent: &Intent) -> Vec<Cell> {
+        let cell = |area: &Area| Cell::of(self.origin.ned_from_geodetic(&area.centre));
+        let occupied = cell(&intent.occupied);
+        let wanted = intent.wanted.as_ref().map(cell).filter(|wanted| *wanted != occupied);
+        [Some(occupied), wanted].into_iter().flatten().collect()
+    }
+
+    /// The cells to subscribe to from here, if they have changed.
+    fn cells_around(&mut self, position: PositionNed) -> Option<Vec<Cell>> {
+        let neighbourhood = self.neighbourhood.as_mut()?;
+        let centre = self.station.agent().centre_ne_m();
+        let centre = self.own_origin.geodetic_from_ned(PositionNed::new(centre.x, centre.y, 0.0));
+        neighbourhood.changed(position, self.origin.ned_from_geodetic(&centre))
     }
 
     /// The trace of this step, if it has a subscriber. Its timing is that of the previous step.
@@ -190,6 +226,10 @@ impl Control {
             refused: agent.old_messages().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
             state_bytes,
+            // The link counts them.
+            links: 0,
+            sent: Traffic::default(),
+            received: Traffic::default(),
             peers: agent.peers().map(peer).collect(),
         }
     }

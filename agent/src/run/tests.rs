@@ -417,7 +417,7 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
         heartbeat.header.sequence += 1;
         heartbeat.order = Some(abort);
         put(Topic::Mission(heartbeat.header.sender), encode(&heartbeat));
-        put(Topic::Order(5), encode(&sign(&operator, &swarm, 6, abort)));
+        put(Topic::Order(5), encode(&sign(&operator, &swarm, Branch::SWARM, 6, abort)));
         recorded.extend(events().iter().map(|event| event.what));
         named = healths().pop().map_or_else(|| named.clone(), |message| message.refused);
         let refused = |key: &str| named.iter().any(|kind| kind.reason == Reason::Unsealed && kind.key == key);
@@ -429,7 +429,7 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
 
     // The order travels only in the other vehicle's heartbeat: it needs to reach just one vehicle.
     let land = Order { epoch: 1, issuer: 5, verb: Verb::Land, signature: None };
-    heartbeat.order = Some(sign(&operator, &swarm, 7, land));
+    heartbeat.order = Some(sign(&operator, &swarm, Branch::SWARM, 7, land));
     wait_until("the order to be passed on", || {
         heartbeat.header.sequence += 1;
         put(Topic::Mission(heartbeat.header.sender), encode(&heartbeat));

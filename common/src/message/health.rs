@@ -41,6 +41,12 @@ pub struct Health {
     pub state_messages: u64,
     /// Payload of the state messages sent, bytes.
     pub state_bytes: u64,
+    /// Number of links with other agents and with observers.
+    pub links: u32,
+    /// Messages of all kinds published, since the start. A message that goes out on several links counts once.
+    pub sent: Traffic,
+    /// Messages of all kinds received, accepted or not, since the start.
+    pub received: Traffic,
     /// Status of each peer.
     pub peers: Vec<PeerHealth>,
 }
@@ -48,6 +54,15 @@ pub struct Health {
 impl Health {
     /// Largest length of [`Self::version`], bytes.
     pub const MAX_VERSION: usize = 64;
+}
+
+/// Messages in one direction, without the framing of the network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Traffic {
+    /// Number of messages.
+    pub messages: u64,
+    /// Their bytes, signatures included.
+    pub bytes: u64,
 }
 
 /// Counts of data that an agent dropped, by reason, since the start.

@@ -174,6 +174,9 @@ fn health(vehicles: u8) -> Health {
         refused: vec![refused; Refused::MAX_COUNT],
         state_messages: u64::MAX,
         state_bytes: u64::MAX,
+        links: u32::MAX,
+        sent: Traffic { messages: u64::MAX, bytes: u64::MAX },
+        received: Traffic { messages: u64::MAX, bytes: u64::MAX },
         peers: VehicleId::first(vehicles.into()).map(peer).collect(),
     }
 }

@@ -4,7 +4,7 @@
 /// Description of one kind of message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TopicDescription {
-    /// The key relative to the swarm's name: `N` is a vehicle's id, `X` and `Y` are a cell, `ISSUER` is an operator's
+    /// The key relative to the swarm's name, in a fleet below `team/` and the number of the team: `N` is a vehicle's id, `X` and `Y` are a cell, `ISSUER` is an operator's
     /// process.
     pub key: &'static str,
     /// Name of the message's struct; `None` for a key without a payload.
@@ -20,15 +20,23 @@ pub struct TopicDescription {
 }
 
 /// Descriptions of all kinds of messages, in the order of [`Topic`](super::Topic).
-pub const TOPIC_DESCRIPTIONS: [TopicDescription; 8] = [
+pub const TOPIC_DESCRIPTIONS: [TopicDescription; 9] = [
     TopicDescription {
         key: "vehicle/N/cell/X/Y/state",
         message: Some("State"),
         sender: "agent of vehicle N",
-        receivers: "all other agents",
+        receivers: "all other agents; in a fleet those of the team, and of other teams those that subscribe to the cell",
         when: "when the peers' dead reckoning of it would be off by `network.state_error_m` or `network.state_error_m_s`, at \
                the latest after `network.state_max_period_s`; every frame under `network.send = \"every_frame\"`",
         delivery: "put, priority real-time, best effort, express, dropped on congestion",
+    },
+    TopicDescription {
+        key: "vehicle/N/cell/X/Y/intent",
+        message: Some("Intent"),
+        sender: "agent of vehicle N, in a fleet",
+        receivers: "agents of other teams that subscribe to the cell",
+        when: "once a second and at every change, in the cell of each area that it names",
+        delivery: "put, priority interactive-high, dropped on congestion",
     },
     TopicDescription {
         key: "vehicle/N/alive",
@@ -101,6 +109,7 @@ mod tests {
         let id = VehicleId::new(7).unwrap();
         let topics = [
             Topic::State(id, Cell { x: 1, y: 2 }),
+            Topic::Intent(id, Cell { x: 1, y: 2 }),
             Topic::Alive(id),
             Topic::Health(id),
             Topic::Mission(id),

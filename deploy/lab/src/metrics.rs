@@ -112,6 +112,9 @@ pub struct Metrics {
     even_10deg: Settling,
     even_5deg: Settling,
     radial: FormationSeries,
+    /// Number of observations between two samples of the series, and those since the last sample.
+    sample_every: u32,
+    since_sample: u32,
     spacing: series::Window,
     centroid: series::Window,
     following: Following,
@@ -182,6 +185,9 @@ impl Metrics {
             even_10deg: Settling::default(),
             even_5deg: Settling::default(),
             radial: FormationSeries::new(vehicles),
+            // Samples at 50 Hz are most of a vehicle's memory; for a fleet 10 Hz are enough.
+            sample_every: if scenario.team.is_some() { 5 } else { 1 },
+            since_sample: 0,
             spacing: series::Window::default(),
             centroid: series::Window::default(),
             following: Following::default(),
@@ -293,7 +299,11 @@ impl Metrics {
         let middle_rank = (count as f64 - 1.0) / 2.0;
         let (mut high, mut inside, mut sum_ne_m) = (true, true, Vector2::zeros());
         self.bearings.clear();
-        self.radial.begin(t_s);
+        self.since_sample = if self.since_sample == 0 { self.sample_every } else { self.since_sample } - 1;
+        let is_sampled = self.since_sample == self.sample_every - 1;
+        if is_sampled {
+            self.radial.begin(t_s);
+        }
         for (rank, member) in members().enumerate() {
             let Some(shape) = self.shapes.get(member.step as usize) else { continue };
             let centre = PositionNed::new(member.centre_ne_m.x, member.centre_ne_m.y, -shape.altitude_m);
@@ -315,7 +325,9 @@ impl Metrics {
             let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
             let step = member.step as u16;
             let sample = InFormation { rho_m, altitude_error_m, step, inside: is_inside };
-            self.radial.add(index(member.id), sample);
+            if is_sampled {
+                self.radial.add(index(member.id), sample);
+            }
         }
         if count > 0 {
             let lag_m = sum_ne_m.norm() / count as f64;

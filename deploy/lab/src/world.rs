@@ -182,7 +182,8 @@ impl World {
         self.follow_script(now);
         let threads = self.threads();
         self.intents.clear();
-        let Self { vehicles, driver, origin, in_flight, arriving, records, strangers, intents, asks, events, .. } = self;
+        let Self { vehicles, driver, origin, in_flight, arriving, records, strangers, intents, asks, events, .. } =
+            self;
         let broadcast = Broadcast { messages: arriving, records: Some(records) };
         let arriving = Arriving { broadcast, strangers };
         driver.frame(now, arriving, vehicles, threads, &mut |vehicle, outbox, ask| {

@@ -110,13 +110,16 @@ pub fn exceeded_by(demand: Demand) -> Result<Option<String>, Error> {
     Ok(Costs::measure()?.and_then(|costs| finding(&costs, demand, cores)))
 }
 
-/// Measures whether so many agents fit onto this PC. If they do not, asks the user at the terminal whether to fly
+/// Measures whether the agents of swarms of these sizes fit onto this PC. If they do not, asks the user at the terminal whether to fly
 /// anyway; without a terminal, refuses.
 ///
 /// # Errors
 /// If they do not fit and the user does not confirm, or if the measurement fails.
-pub fn ask_for(vehicles: usize, anyway: bool) -> Result<(), Error> {
-    let (demand, cores) = (Demand::whole(vehicles), os::cores());
+pub fn ask_for(swarms: &[usize], anyway: bool) -> Result<(), Error> {
+    let vehicles: usize = swarms.iter().sum();
+    // A vehicle of a team receives what its team sends; of strangers it receives those that are near.
+    let largest = swarms.iter().copied().max().unwrap_or(0);
+    let (demand, cores) = (Demand { swarm: largest, ..Demand::whole(vehicles) }, os::cores());
     if anyway || demand.is_small(cores) {
         return Ok(());
     }
@@ -219,6 +222,6 @@ mod tests {
         let Some(costs) = Costs::measure().unwrap() else { return };
         assert!(costs.message_us > 0.0 && costs.message_us < 20_000.0, "{costs:?}");
         assert!(costs.states_hz >= 4.0 && costs.step.alone_us > 0.1, "{costs:?}");
-        assert!(ask_for(1, false).is_ok());
+        assert!(ask_for(&[1], false).is_ok());
     }
 }

@@ -178,6 +178,7 @@ impl LinkEnd {
             let listens = listens.trim_start_matches("tcp/").parse().map_err(to_text)?;
             dial.push(format!("tcp/{}", through(listens).map_err(to_text)?));
             let trust = Trust {
+                team: None,
                 swarm: swarm.clone(),
                 // No position is used.
                 origin: Origin::new(Geodetic::from_degrees(0.0, 0.0, 0.0)),

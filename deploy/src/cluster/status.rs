@@ -102,6 +102,14 @@ pub struct HealthReport {
     pub clock_is_off: bool,
     /// Failures of the vehicle.
     pub faults: Vec<String>,
+    /// Number of its links with other agents and with observers.
+    pub links: u32,
+    /// Messages that it publishes, a second, on average since its start.
+    pub sent_per_s: f64,
+    /// Messages that it receives, a second, on average since its start.
+    pub received_per_s: f64,
+    /// Bytes that it publishes and receives, a second, on average since its start.
+    pub bytes_per_s: [f64; 2],
     /// Number of messages that it has rejected since its start.
     pub refused: u64,
     /// The latest kinds of rejected messages.
@@ -158,6 +166,7 @@ impl HealthReport {
         let received = health.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
         let delays_ms: Option<Vec<f64>> = received.clone().map(|peer| Some(peer.delay_s? * 1e3)).collect();
         let clock = ahead_of_swarm(&health.peers);
+        let per_s = |count: u64| count as f64 / health.uptime_s.max(1.0);
         let blind = (health.activity == Activity::Blind).then(|| "receives no data from its simulator".to_owned());
         Self {
             version: printable(&health.version, Health::MAX_VERSION),
@@ -173,6 +182,10 @@ impl HealthReport {
             clock_bound_ms: clock.map(|clock| clock.bound_s * 1e3),
             clock_is_off: clock.is_some_and(|clock| clock.offset_s.abs() - clock.bound_s > CLOCK_S),
             faults: health.failures.iter().map(ToString::to_string).chain(blind).collect(),
+            links: health.links,
+            sent_per_s: per_s(health.sent.messages),
+            received_per_s: per_s(health.received.messages),
+            bytes_per_s: [per_s(health.sent.bytes), per_s(health.received.bytes)],
             refused: health.drops.refused(),
             refusals: health
                 .refused

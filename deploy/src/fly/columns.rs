@@ -27,7 +27,12 @@ const STEP_TIME: &str = "99th percentile of the time from a frame to its control
 
 /// For terminals of 80 columns.
 pub const NARROW: [Column; 11] = [
-    Column { title: "id", width: 3, about: "number of the vehicle", cell: |row| row.id.to_string() },
+    Column {
+        title: "id",
+        width: 3,
+        about: "number of the vehicle; in a fleet with its team, or of a team",
+        cell: |row| row.name.clone(),
+    },
     Column { title: "phase", width: 11, about: PHASE, cell: |row| row.phase.clone() },
     Column { title: "step", width: 4, about: STEP, cell: |row| optional(row.step) },
     Column { title: "alt m", width: 5, about: ALTITUDE, cell: |row| number(row.altitude_m, 1) },
@@ -52,7 +57,12 @@ pub const NARROW: [Column; 11] = [
 
 /// For terminals of at least [`WIDE_COLUMNS`] columns.
 pub const WIDE: [Column; 13] = [
-    Column { title: "vehicle", width: 7, about: "its number", cell: |row| row.id.to_string() },
+    Column {
+        title: "vehicle",
+        width: 7,
+        about: "its number; in a fleet with its team, or the number of a team",
+        cell: |row| row.name.clone(),
+    },
     Column { title: "phase", width: 11, about: PHASE, cell: |row| row.phase.clone() },
     Column { title: "step", width: 4, about: STEP, cell: |row| optional(row.step) },
     Column { title: "altitude m", width: 10, about: ALTITUDE, cell: |row| number(row.altitude_m, 1) },

@@ -19,24 +19,26 @@ mod news;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use skein_common::id::{SwarmName, VehicleId, VehicleSet};
+use skein_common::frame::PositionNed;
+use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Trace, Verb};
-use skein_common::scenario::{RecordRuns, Target};
+use skein_common::scenario::{Described, RecordRuns, Scenario, Target};
 use skein_common::state::{Activity, Membership};
+use skein_common::topic::Branch;
 use skein_core::formation::{self, ring::Ring};
 
 use super::children::{Children, ProcessRole};
 use super::ground::Ground;
 use super::journal::Journal;
-use super::launch::{Launched, launch};
+use super::launch::launch;
 use super::plan::Plan;
-use super::screen::Screen;
 use super::script::{self, ScriptedAction};
 use super::status::{self, Ending, FlightStatus, Known, Stage};
-use crate::endpoints::EndpointsFile;
+use crate::endpoints::Endpoints;
 use crate::landing;
 use crate::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
-use crate::os::{self, Interrupts};
+use crate::os;
+use crate::reach::Reach;
 use crate::record::Recorder;
 use events::UnderWay;
 use figures::summary;
@@ -46,8 +48,6 @@ use skein_lab::faults::Schedule;
 use skein_lab::metrics::{Metrics, Report, Run, Totals};
 use skein_lab::record::{self, RecordingInfo};
 
-/// Between two looks at the swarm: the metrics want fifty a second.
-const TICK: Duration = Duration::from_millis(20);
 /// The last known state of a vehicle silent for this long is out of date.
 const SILENT: Duration = Duration::from_secs(1);
 /// A vehicle that was asked to land and has no data of its own, or is silent, is waited for this long.
@@ -59,20 +59,20 @@ const END: Duration = Duration::from_secs(15);
 /// Above this height a vehicle has left the ground, m.
 const LIFTED_M: f64 = 0.5;
 
+/// Vehicles count as near each other above this height, m.
+const AIRBORNE_M: f64 = 2.0;
+
 /// The screen has room for no more events.
 const MAX_EVENTS: usize = 200;
 
-/// A flight under way.
+/// The flight of one swarm or team under way.
 pub struct Flight {
     plan: Plan,
-    json: bool,
     /// The swarm gathers within this time, or does not fly.
     gather_within: Duration,
-    interrupts: Interrupts,
-    screen: Screen,
+    /// How often this process has been asked to end.
+    asked: u32,
     children: Children,
-    /// There while the swarm is.
-    file: EndpointsFile,
     observer: Observer,
     /// The formation's in each step of the mission.
     rings: Vec<Ring>,
@@ -104,6 +104,40 @@ pub struct Flight {
     is_broken_off: bool,
 }
 
+/// What is left of a flight that is over.
+pub struct FlightResult {
+    /// What was flown.
+    pub plan: Plan,
+    /// The figures, if the clock of the flight has run.
+    pub report: Option<Report>,
+    /// What its operator is to know: lost vehicles, a recording that is not complete.
+    pub notes: Vec<String>,
+    /// Whether agents of vehicles in the air were left to land by themselves.
+    pub leaves: bool,
+    all_are_lost: bool,
+    failure: Option<String>,
+}
+
+impl FlightResult {
+    /// The figures that a reader looks for first, and what to do next.
+    pub fn summary(&self) -> Option<String> {
+        self.report.as_ref().map(|report| summary(report, &self.plan))
+    }
+
+    /// Whether it was a flight.
+    ///
+    /// # Errors
+    /// A flight that never began, lost all its vehicles, or did not end on the ground.
+    pub fn verdict(&self) -> Result<(), String> {
+        match (&self.failure, &self.report) {
+            (Some(why), _) => Err(why.clone()),
+            (None, None) => Err("stopped before all vehicles were active".to_owned()),
+            (None, Some(_)) if self.all_are_lost => Err("every vehicle was lost".to_owned()),
+            (None, Some(_)) => Ok(()),
+        }
+    }
+}
+
 /// The beginning of the window.
 #[derive(Clone, Debug)]
 struct Zero {
@@ -117,17 +151,22 @@ impl Flight {
     ///
     /// # Errors
     /// If something cannot be started; then nothing is left running.
-    pub fn begin(plan: Plan, interrupts: Interrupts, gather_within: Duration, json: bool) -> Result<Self, Error> {
+    pub fn begin(
+        plan: Plan,
+        described: &Described,
+        endpoints: &Endpoints,
+        gather_within: Duration,
+    ) -> Result<Self, Error> {
         let scenario = plan.scenario();
-        let Launched { children, endpoints, file } = launch(&plan)?;
-        let observer = Observer::open(&endpoints.into(), TraceSubscription::On);
+        let children = launch(&plan, described, endpoints)?;
+        let branch = Branch::of(scenario.team.map(|team| team.id));
+        let observer = Observer::open(&Reach::here(endpoints, branch), TraceSubscription::On);
         let recorder = recorder(&plan)?;
-        Ok(Self {
-            json,
+        let now = clock::now();
+        let mut flight = Self {
             gather_within,
-            interrupts,
+            asked: 0,
             children,
-            file,
             observer: observer?,
             rings: scenario.mission.steps.iter().map(|step| formation::ring(&step.formation)).collect(),
             ground: Ground::new(scenario),
@@ -135,7 +174,7 @@ impl Flight {
             recorder,
             recording_failed: false,
             stage: Stage::Gathering,
-            since: clock::now(),
+            since: now,
             asked_before: 0,
             zero: None,
             report: None,
@@ -147,63 +186,37 @@ impl Flight {
             lost: Vec::new(),
             failure: None,
             is_broken_off: false,
-            screen: Screen::open(json),
             plan,
-        })
+        };
+        flight.show(now, format!("the swarm gathers, within {} s", gather_within.as_secs()));
+        Ok(flight)
     }
 
-    /// Flies to the end.
-    ///
-    /// # Errors
-    /// A flight that never began, lost all its vehicles, or did not end on the ground.
-    pub fn fly(mut self) -> Result<(), Error> {
-        let mut next = clock::now();
-        self.show(next, format!("the swarm gathers, within {} s", self.gather_within.as_secs()));
-        loop {
-            let now = clock::now();
-            self.look(now);
-            if self.decide(now) {
-                break;
-            }
-            if self.screen.is_due(now, self.journal.has_news(now)) {
-                self.draw(now, false);
-            }
-            next = (next + TICK).max(now);
-            clock::sleep(next.saturating_duration_since(clock::now()));
-        }
+    /// Takes in what has happened, and decides. True when the flight is over. `asked` is how often this process has been
+    /// asked to end.
+    pub fn advance(&mut self, now: Instant, asked: u32) -> bool {
+        self.asked = asked;
+        self.look(now);
+        self.decide(now)
+    }
+
+    /// Ends the processes of a flight that is over, except those of vehicles in the air.
+    pub fn end(mut self) -> FlightResult {
         let is_lost = |id| self.ending(id).is_some_and(|ending| ending != Ending::Asked);
         let all_are_lost = self.plan.scenario().ids().all(is_lost);
         let left = if self.is_broken_off { VehicleSet::default() } else { self.in_the_air() };
         self.children.leave(left);
         self.children.kill();
-        self.draw(clock::now(), true);
-        // The terminal is restored before anything is written to it.
-        let Self { screen, json, report, mut lost, failure, plan, recorder, file, .. } = self;
-        drop(screen);
+        let Self { report, mut lost, failure, plan, recorder, .. } = self;
         if !left.is_empty() {
-            file.stay();
-            lost.push(left_in_the_air(left, &plan.scenario().swarm.name));
+            lost.push(left_in_the_air(left, plan.scenario()));
         }
-        if let Some(sentence) = recorder.and_then(end_recording) {
-            skein_lab::terminal::complain(&sentence);
-        }
-        lost.iter().for_each(|lost| skein_lab::terminal::complain(lost));
-        if let Some(report) = &report {
-            skein_lab::terminal::say(&if json { skein_lab::terminal::json(report) } else { summary(report, &plan) });
-        }
-        match (failure, report) {
-            (Some(why), _) => Err(Error::Failed(why)),
-            (None, None) => Err(Error::Failed("stopped before all vehicles were active".to_owned())),
-            (None, Some(_)) if all_are_lost => Err(Error::Failed("every vehicle was lost".to_owned())),
-            (None, Some(_)) => Ok(()),
-        }
+        let notes = recorder.and_then(end_recording).into_iter().chain(lost).collect();
+        FlightResult { plan, report, notes, leaves: !left.is_empty(), all_are_lost, failure }
     }
 
     /// Takes in what has happened since the last time.
     fn look(&mut self, now: Instant) {
-        for _ in 0..self.screen.asked_to_end() {
-            self.interrupts.add();
-        }
         for (received, at) in self.observer.poll_timed() {
             match received {
                 SwarmMessage::Trace(trace) => {
@@ -231,7 +244,7 @@ impl Flight {
 
     /// One step of the stages' picture. True when the flight is over.
     fn decide(&mut self, now: Instant) -> bool {
-        let asked = self.interrupts.count() > self.asked_before;
+        let asked = self.asked > self.asked_before;
         if self.stage == Stage::Flying {
             self.play(now);
         }
@@ -329,7 +342,7 @@ impl Flight {
     }
 
     fn enter(&mut self, stage: Stage, now: Instant) {
-        (self.stage, self.since, self.asked_before) = (stage, now, self.interrupts.count());
+        (self.stage, self.since, self.asked_before) = (stage, now, self.asked);
     }
 
     fn enter_landing(&mut self, now: Instant) {
@@ -404,13 +417,31 @@ impl Flight {
         })
     }
 
-    /// Brings the screen up to date; at the `end` with all news.
-    fn draw(&mut self, now: Instant, end: bool) {
-        let (status, news) = (self.status(now), self.journal.take_news(now, end));
-        self.screen.show(&status, &news, now);
+    /// Whether lines about events wait to be written.
+    pub fn has_news(&self, now: Instant) -> bool {
+        self.journal.has_news(now)
     }
 
-    fn status(&self, now: Instant) -> FlightStatus {
+    /// The lines about events that are to be written now; at the `end` all that are left.
+    pub fn take_news(&mut self, now: Instant, end: bool) -> Vec<String> {
+        self.journal.take_news(now, end)
+    }
+
+    /// What is flown.
+    pub fn scenario(&self) -> &Scenario {
+        self.plan.scenario()
+    }
+
+    /// The vehicles in the air while the clock of the flight runs, as far as is known, with their newest positions.
+    pub fn airborne(&self, now: Instant) -> impl Iterator<Item = (VehicleId, PositionNed)> {
+        let flies = self.stage == Stage::Flying;
+        let steps = self.observer.vehicles().values().filter_map(move |seen| fresh(seen, now).filter(|_| flies));
+        let up = steps.filter(|step| step.height_m > AIRBORNE_M && self.ground.lives(step));
+        up.map(|step| (step.header.sender, step.position))
+    }
+
+    /// The flight as people look at it.
+    pub fn status(&self, now: Instant) -> FlightStatus {
         let scenario = self.plan.scenario();
         let known: Vec<Known<'_>> = scenario
             .ids()
@@ -427,6 +458,8 @@ impl Flight {
             out: self.plan.out.display().to_string(),
             has_gaps: news::has_gaps(scenario, rows.iter().find_map(|row| row.step)),
             rows,
+            teams: Vec::new(),
+            team: scenario.team.map(|team| team.id),
             events: self.journal.newest(MAX_EVENTS),
         }
     }
@@ -467,7 +500,8 @@ fn received_within(age: Duration, seen: &VehicleView, now: Instant) -> Option<&T
     seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < age))
 }
 
-fn left_in_the_air(left: VehicleSet, swarm: &SwarmName) -> String {
+fn left_in_the_air(left: VehicleSet, scenario: &Scenario) -> String {
+    let swarm = &scenario.swarm.name;
     let ids: Vec<_> = left.iter().map(|id| id.to_string()).collect();
     format!(
         "vehicle {}: still in the air as far as is known; each agent lands and ends by itself (`skein order land --swarm {swarm}` \

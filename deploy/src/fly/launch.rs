@@ -6,9 +6,10 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use skein_agent::config::fleet;
 use skein_common::frame::{Origin, PositionNed};
-use skein_common::id::{SwarmName, VehicleId};
-use skein_common::scenario::{PlantKind, Scenario};
+use skein_common::id::{SwarmName, VehicleId, VehicleName};
+use skein_common::scenario::{Described, PlantKind, Scenario};
 use skein_core::helicopter::Start;
 
 use super::children::{Children, ProcessRole};
@@ -17,62 +18,75 @@ use crate::endpoints::{self, Endpoints, EndpointsFile};
 use crate::ports;
 use skein_lab::error::Error;
 
-/// A swarm whose processes have been started.
+/// A place on this PC for a swarm or a fleet.
 #[derive(Debug)]
-pub struct Launched {
-    /// All of them.
-    pub children: Children,
+pub struct Site {
     /// Where the agents listen.
     pub endpoints: Endpoints,
     /// The file by which other commands find the endpoints.
     pub file: EndpointsFile,
 }
 
-/// Starts a process for each vehicle, and one for its simulator where that is a stand-in.
+fn failed(what: &str, error: io::Error) -> Error {
+    Error::Failed(format!("{what}: {error}"))
+}
+
+/// Finds ports for all agents, and writes the folder's scenario and the file by which other commands find the agents.
 ///
 /// # Errors
-/// If a swarm of this name flies here already (nothing is started or written then), or a file, port or process cannot be
-/// had; what was started by then is ended.
-pub fn launch(plan: &Plan) -> Result<Launched, Error> {
+/// If a swarm of this name flies here already (nothing is written then), or a file or port cannot be had.
+pub fn prepare_site(described: &Described, out: &Path) -> Result<Site, Error> {
+    let swarm = &described.first().scenario.swarm.name;
+    refuse_a_second(swarm)?;
+    let written = fs::create_dir_all(out).and_then(|()| fs::write(out.join("scenario.toml"), described.to_toml()));
+    written.map_err(|error| failed(&out.display().to_string(), error))?;
+    let agents = endpoints_of(described).map_err(|error| failed("no free ports", error))?;
+    let endpoints = Endpoints { swarm: swarm.clone(), pid: std::process::id(), out: out.to_owned(), agents };
+    // Before the agents: an agent that outlives this process can be found.
+    let file = endpoints.leave(&endpoints::folder()).map_err(|error| failed("the runtime folder", error))?;
+    Ok(Site { endpoints, file })
+}
+
+/// Starts a process for each vehicle of this plan, and one for its simulator where that is a stand-in.
+///
+/// # Errors
+/// If a file, port or process cannot be had; what was started by then is ended.
+pub fn launch(plan: &Plan, described: &Described, endpoints: &Endpoints) -> Result<Children, Error> {
     let scenario = plan.scenario();
-    refuse_a_second(&scenario.swarm.name)?;
-    let failed = |what: &str, error: io::Error| Error::Failed(format!("{what}: {error}"));
     let folder = plan.out.join("agents");
     let mut aircraft = plan.ready.aircraft_files.iter();
     let written = fs::create_dir_all(&folder)
-        .and_then(|()| fs::write(plan.out.join("scenario.toml"), plan.loaded.to_toml()))
-        .and_then(|()| aircraft.try_for_each(|(name, text)| fs::write(aircraft_file(plan, name), text)));
+        .and_then(|()| match scenario.team {
+            // For commands about the team alone; its agents read the fleet's file.
+            Some(_) => fs::write(plan.out.join("scenario.toml"), plan.loaded.to_toml()),
+            None => Ok(()),
+        })
+        .and_then(|()| aircraft.try_for_each(|(name, text)| fs::write(aircraft_file(endpoints, name), text)));
     written.map_err(|error| failed(&plan.out.display().to_string(), error))?;
-
-    let listen = endpoints_of(scenario).map_err(|error| failed("no free ports", error))?;
-    let endpoints = Endpoints {
-        swarm: scenario.swarm.name.clone(),
-        pid: std::process::id(),
-        out: plan.out.clone(),
-        agents: listen,
-    };
-    // Before the agents: an agent that outlives this process can be found.
-    let file = endpoints.leave(&endpoints::folder()).map_err(|error| failed("the runtime folder", error))?;
     let mut children = Children::default();
     let simulators = match scenario.swarm.plant {
-        PlantKind::Standin => start_standins(plan, &folder, &mut children).map_err(|e| failed("stand-ins", e))?,
+        PlantKind::Standin => {
+            start_standins(plan, endpoints, &folder, &mut children).map_err(|error| failed("stand-ins", error))?
+        }
         PlantKind::Builtin | PlantKind::Xplane => plan.xplanes.clone(),
     };
-    for (nth, id) in scenario.ids().enumerate() {
-        let file = agent_file(id, &endpoints.agents, simulators.get(nth));
+    let scenario_file = if scenario.team.is_some() { "../../scenario.toml" } else { "../scenario.toml" };
+    for (nth, name) in fleet::names(scenario).enumerate() {
+        let id = name.vehicle;
+        let file = agent_file(name, scenario_file, described, endpoints, simulators.get(nth));
         let path = folder.join(format!("{id}.toml"));
         let started = fs::write(&path, file).and_then(|()| {
             let arguments = ["agent".into(), "--config".into(), path.into(), "--child".into()];
             children.start(ProcessRole::Agent, id, arguments.into(), &log(&folder, ProcessRole::Agent, id))
         });
-        started.map_err(|error| failed(&format!("agent {id}"), error))?;
+        started.map_err(|error| failed(&format!("agent {name}"), error))?;
     }
-    Ok(Launched { children, endpoints, file })
+    Ok(children)
 }
 
 /// An aircraft's file stands beside the scenario as flown, where its agents look for it.
-fn aircraft_file(plan: &Plan, name: &str) -> PathBuf {
-    plan.out.join(format!("{name}.toml"))
+fn aircraft_file(endpoints: &Endpoints, name: &str) -> PathBuf {
+    endpoints.out.join(format!("{name}.toml"))
 }
 
 /// Where the log of a process is.
@@ -96,18 +110,31 @@ fn refuse_a_second(swarm: &SwarmName) -> Result<(), Error> {
 }
 
 /// An endpoint on the loopback for every agent.
-fn endpoints_of(scenario: &Scenario) -> io::Result<BTreeMap<VehicleId, String>> {
-    let ports = ports::tcp(scenario.swarm.vehicles)?;
-    Ok(scenario.ids().zip(ports).map(|(id, port)| (id, format!("tcp/127.0.0.1:{port}"))).collect())
+fn endpoints_of(described: &Described) -> io::Result<BTreeMap<VehicleName, String>> {
+    let names: Vec<_> = described.all().iter().flat_map(|team| fleet::names(&team.scenario)).collect();
+    let ports = ports::tcp(names.len())?;
+    Ok(names.into_iter().zip(ports).map(|(name, port)| (name, format!("tcp/127.0.0.1:{port}"))).collect())
 }
 
-/// The configuration file of an agent: it dials agents with smaller ids, so that every pair connects once.
-fn agent_file(id: VehicleId, agents: &BTreeMap<VehicleId, String>, simulator: Option<&String>) -> String {
+/// The configuration file of an agent: it dials agents with lower names, so that every pair connects once.
+fn agent_file(
+    name: VehicleName,
+    scenario: &str,
+    described: &Described,
+    endpoints: &Endpoints,
+    simulator: Option<&String>,
+) -> String {
+    let agent = |name: VehicleName| endpoints.agents.get(&name).cloned();
     let mut file = toml::Table::new();
-    file.insert("scenario".to_owned(), "../scenario.toml".into());
-    file.insert("id".to_owned(), i64::from(id.get()).into());
-    file.insert("listen".to_owned(), vec![agents[&id].clone()].into());
-    file.insert("dial".to_owned(), agents.range(..id).map(|(_, agent)| agent.clone()).collect::<Vec<_>>().into());
+    file.insert("scenario".to_owned(), scenario.into());
+    let id = match name.team {
+        Some(_) => name.to_string().into(),
+        None => i64::from(name.vehicle.get()).into(),
+    };
+    file.insert("id".to_owned(), id);
+    file.insert("listen".to_owned(), agent(name).into_iter().collect::<Vec<_>>().into());
+    let dial = fleet::dialled(name, described.all()).filter_map(agent);
+    file.insert("dial".to_owned(), dial.collect::<Vec<_>>().into());
     if let Some(simulator) = simulator {
         file.insert("xplane".to_owned(), simulator.clone().into());
     }
@@ -115,13 +142,18 @@ fn agent_file(id: VehicleId, agents: &BTreeMap<VehicleId, String>, simulator: Op
 }
 
 /// Starts a stand-in for every vehicle. Gives their addresses.
-fn start_standins(plan: &Plan, folder: &Path, children: &mut Children) -> io::Result<Vec<String>> {
+fn start_standins(
+    plan: &Plan,
+    endpoints: &Endpoints,
+    folder: &Path,
+    children: &mut Children,
+) -> io::Result<Vec<String>> {
     let scenario = plan.scenario();
     let first = ports::udp_row(scenario.swarm.vehicles)?;
     let origin = Origin::new(scenario.origin.geodetic());
     let mut addresses = Vec::new();
     for (vehicle, start) in scenario.vehicle.iter().zip(&plan.ready.starts) {
-        let aircraft = aircraft_file(plan, &vehicle.aircraft);
+        let aircraft = aircraft_file(endpoints, &vehicle.aircraft);
         let arguments = standin_arguments(scenario, &origin, vehicle.id, start, first, &aircraft);
         children.start(ProcessRole::Standin, vehicle.id, arguments, &log(folder, ProcessRole::Standin, vehicle.id))?;
         let port = ports::simulator(first, vehicle.id).ok_or(io::ErrorKind::AddrNotAvailable)?;
@@ -167,15 +199,18 @@ mod tests {
 
     #[test]
     fn of_every_pair_one_dials_the_other() {
-        let scenario = ScenarioArgs::default().read(Vec::new()).unwrap().scenario;
-        let agents = endpoints_of(&scenario).unwrap();
+        let described = ScenarioArgs::default().read_any(Vec::new()).unwrap();
+        let agents = endpoints_of(&described).unwrap();
+        let swarm = SwarmName::new("x").unwrap();
+        let endpoints = Endpoints { swarm, pid: 1, out: PathBuf::new(), agents: agents.clone() };
         let mut pairs = Vec::new();
-        for id in scenario.ids() {
-            let file: toml::Table = agent_file(id, &agents, None).parse().unwrap();
+        for id in fleet::names(&described.first().scenario) {
+            let file = agent_file(id, "../scenario.toml", &described, &endpoints, None);
+            let file: toml::Table = file.parse().unwrap();
             assert_eq!(file["listen"].as_array().unwrap()[0].as_str(), Some(agents[&id].as_str()));
             for dialled in file["dial"].as_array().unwrap() {
                 let (other, _) = agents.iter().find(|(_, agent)| dialled.as_str() == Some(agent)).unwrap();
-                pairs.push((other.get(), id.get()));
+                pairs.push((other.vehicle.get(), id.vehicle.get()));
             }
         }
         pairs.sort_unstable();

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use skein_common::scenario::{Loaded, PlantKind, Scenario};
+use skein_agent::config::fleet;
+use skein_common::scenario::{Described, Loaded, PlantKind, Scenario};
 
 use super::{FlyArgs, PlantArg};
 use crate::prepare::{Prepared, Target, prepare};
@@ -11,6 +12,17 @@ use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::out;
 use skein_lab::scenario::{Ready, quoted};
+
+/// What is to be flown: a swarm, or the teams of a fleet.
+#[derive(Clone, Debug)]
+pub struct Plans {
+    /// As the scenario describes it.
+    pub described: Described,
+    /// The folder for everything that is written; does not exist yet, or is empty.
+    pub out: PathBuf,
+    /// The flight of the swarm, or of each team.
+    pub plans: Vec<Plan>,
+}
 
 /// A flight that may begin.
 #[derive(Clone, Debug)]
@@ -21,7 +33,7 @@ pub struct Plan {
     pub ready: Ready,
     /// HOST:PORT of each vehicle's X-Plane, in the order of ids; empty for other plants.
     pub xplanes: Vec<String>,
-    /// The folder for everything that is written; does not exist yet, or is empty.
+    /// The folder for everything that is written about this swarm or team; does not exist yet, or is empty.
     pub out: PathBuf,
     /// The command that flies the same flight again.
     pub again: String,
@@ -29,22 +41,44 @@ pub struct Plan {
     pub study: String,
 }
 
-impl Plan {
+impl Plans {
     /// Reads and checks everything.
     ///
     /// # Errors
     /// Whatever stands against the flight.
     pub fn new(args: &FlyArgs) -> Result<Self, Error> {
-        let loaded = args.scenario.read(sets(args)?)?;
+        let described = args.scenario.read_any(sets(args)?)?;
+        let refused = |why: String| Error::Refused(format!("{}: {why}", args.scenario.name()));
+        fleet::check_size(described.all()).map_err(|why| refused(why.to_string()))?;
+        if matches!(described, Described::Fleet(_)) && described.first().scenario.swarm.plant == PlantKind::Xplane {
+            return Err(refused("a fleet flies in the built-in plant or in stand-ins".to_owned()));
+        }
+        let mut trial = Trial::default();
+        let ready = described.all().iter().map(|team| {
+            let target = Target::Fly { xplane: args.xplane.as_ref() };
+            prepare(&args.scenario, &team.scenario, target, &mut trial)
+        });
+        let ready = ready.collect::<Result<Vec<_>, _>>()?;
+        let out = out::folder(args.out.as_deref(), &described.first().scenario.name)?;
+        let plan = |(team, ready): (&Loaded, Prepared)| {
+            let folder = team.scenario.team.map_or_else(|| out.clone(), |team| out.join(format!("team-{}", team.id)));
+            Plan::new(args, team.clone(), ready, folder)
+        };
+        let plans = described.all().iter().zip(ready).map(plan).collect();
+        Ok(Self { described, out, plans })
+    }
+}
+
+impl Plan {
+    fn new(args: &FlyArgs, loaded: Loaded, ready: Prepared, out: PathBuf) -> Self {
         let scenario = &loaded.scenario;
-        let target = Target::Fly { xplane: args.xplane.as_ref() };
-        let Prepared { ready, xplanes } = prepare(&args.scenario, scenario, target, &mut Trial::default())?;
-        let out = out::folder(args.out.as_deref(), &scenario.name)?;
+        let seed = scenario.team.map_or(scenario.seed, |team| team.seed);
+        let Prepared { ready, xplanes } = ready;
         let set = |key: &str, value: String| (key.to_owned(), value);
         let duration = args.duration_s.map(|duration_s| set("duration_s", duration_s.to_string()));
         let plant = args.plant.map(|plant| set("swarm.plant", plant.name().to_owned()));
         let more: Vec<_> = plant.into_iter().chain(duration.clone()).collect();
-        let mut again = args.scenario.command("fly", &more, Some(scenario.seed));
+        let mut again = args.scenario.command("fly", &more, Some(seed));
         if let Some(HostPort { host, port }) = &args.xplane {
             again += &format!(" --xplane {}", quoted(&format!("{host}:{port}")));
         }
@@ -52,7 +86,7 @@ impl Plan {
         let built_in = other_plant.then(|| set("swarm.plant", PlantArg::Builtin.name().to_owned()));
         let more: Vec<_> = built_in.into_iter().chain(duration).collect();
         let study = args.scenario.command("study", &more, None) + " --seeds 0..20";
-        Ok(Self { ready, xplanes, out, again, study, loaded })
+        Self { ready, xplanes, out, again, study, loaded }
     }
 
     /// What flies.
@@ -99,7 +133,7 @@ mod tests {
             out: Some(folder.path().join("run")),
             ..args(&["seed=1", "duration_s=9"])
         };
-        let plan = Plan::new(&args).unwrap();
+        let plan = Plans::new(&args).unwrap().plans.remove(0);
         let scenario = plan.scenario();
         assert_eq!((scenario.seed, scenario.duration_s, scenario.swarm.plant), (7, Some(20.5), PlantKind::Standin));
         assert_eq!(plan.ready.starts.len(), 4);
@@ -120,10 +154,10 @@ mod tests {
             out: Some(folder.path().join("run")),
             ..args(&["swarm.vehicles=1"])
         };
-        let error = Plan::new(&args).unwrap_err();
+        let error = Plans::new(&args).unwrap_err();
         assert_eq!((error.to_string(), error.exit_code()), (simulators::ask(&address).unwrap_err().to_string(), 1));
         assert!(!folder.path().join("run").exists());
         let against = FlyArgs { plant: Some(PlantArg::Builtin), ..args };
-        assert_eq!(Plan::new(&against).unwrap_err().exit_code(), 2);
+        assert_eq!(Plans::new(&against).unwrap_err().exit_code(), 2);
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector2;
-use skein_common::id::VehicleId;
+use skein_common::id::{TeamId, VehicleId};
 use skein_common::math;
 use skein_common::message::Trace;
 use skein_common::state::{Activity, Membership, PeerStatus};
@@ -18,7 +18,7 @@ use skein_lab::terminal::shortened;
 const SILENT: Duration = Duration::from_secs(1);
 
 /// How far a flight is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
     /// The agents start and find each other.
     Gathering,
@@ -47,6 +47,10 @@ pub struct FlightStatus {
     pub out: String,
     /// One for each vehicle, by id.
     pub rows: Vec<Row>,
+    /// In a large fleet one for each team, which the table shows instead.
+    pub teams: Vec<Row>,
+    /// The team, if the swarm is one of a fleet.
+    pub team: Option<TeamId>,
     /// The formation has even gaps around its centre.
     pub has_gaps: bool,
     /// What happened, the newest last.
@@ -98,11 +102,95 @@ impl FlightStatus {
     }
 }
 
+/// A fleet with more vehicles is shown with one row for each team.
+const MAX_ROWS: usize = 16;
+
+/// The flights of all teams of a fleet as one. `out` is the folder of the fleet's files.
+pub fn of_fleet(mut teams: Vec<FlightStatus>, out: String) -> FlightStatus {
+    teams.sort_by_key(|status| status.team);
+    let name = |status: &FlightStatus| status.team.map_or_else(String::new, |team| team.to_string());
+    let vehicles: usize = teams.iter().map(|status| status.rows.len()).sum();
+    let rows_of_teams =
+        if vehicles > MAX_ROWS { teams.iter().map(|team| team.as_row(name(team))).collect() } else { Vec::new() };
+    let mut events: Vec<String> = Vec::new();
+    for team in &teams {
+        let in_front = |event: &String| {
+            let at = event.char_indices().nth(EVENT_TIME).map_or(event.len(), |(at, _)| at);
+            format!("{}team {}: {}", &event[..at], name(team), &event[at..])
+        };
+        events.extend(team.events.iter().map(in_front));
+    }
+    // Each begins with its time.
+    events.sort();
+    let first = teams.first();
+    FlightStatus {
+        swarm: first.map_or_else(String::new, |team| team.swarm.clone()),
+        plant: first.map_or_else(String::new, |team| team.plant.clone()),
+        stage: teams.iter().map(|team| team.stage).min().unwrap_or(Stage::Ending),
+        flown_s: teams.iter().map(|team| team.flown_s).fold(0.0, f64::max),
+        duration_s: first.and_then(|team| team.duration_s),
+        out,
+        has_gaps: teams.iter().all(|team| team.has_gaps),
+        team: None,
+        rows: teams.iter().flat_map(|team| team.rows.iter().map(|row| row.named(&name(team)))).collect(),
+        teams: rows_of_teams,
+        events,
+    }
+}
+
+/// Columns of the time in front of an event.
+pub const EVENT_TIME: usize = 10;
+
+impl FlightStatus {
+    /// The whole swarm as one row.
+    fn as_row(&self, name: String) -> Row {
+        let values = |of: fn(&Row) -> Option<f64>| self.rows.iter().filter_map(of).collect::<Vec<_>>();
+        let least = |of| values(of).into_iter().reduce(f64::min);
+        let most = |of| values(of).into_iter().reduce(f64::max);
+        let mean =
+            |of| Some(values(of)).filter(|all| !all.is_empty()).map(|all| all.iter().sum::<f64>() / all.len() as f64);
+        let all = self.rows.len();
+        let count = |phase: &str| self.rows.iter().filter(|row| row.phase == phase).count();
+        // What most of its vehicles do.
+        let phase = self.rows.iter().map(|row| row.phase.as_str()).max_by_key(|phase| count(phase)).unwrap_or_default();
+        let gap =
+            self.rows.iter().filter_map(|row| row.gap_deg).max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
+        let counted =
+            self.rows.iter().filter_map(|row| row.late_dropped).reduce(|sum, row| (sum.0 + row.0, sum.1 + row.1));
+        Row {
+            name,
+            phase: if count(phase) == all { phase.to_owned() } else { format!("{}/{all} {phase}", count(phase)) },
+            bad: self.rows.iter().any(|row| row.bad),
+            altitude_m: mean(|row| row.altitude_m),
+            step: self.rows.iter().filter_map(|row| row.step).min(),
+            from_centre_m: mean(|row| row.from_centre_m),
+            gap_deg: gap,
+            nearest_m: least(|row| row.nearest_m),
+            frame_rate_hz: least(|row| row.frame_rate_hz),
+            peer_age_ms: most(|row| row.peer_age_ms),
+            step_p99_us: most(|row| row.step_p99_us),
+            late_dropped: counted,
+        }
+    }
+
+    /// The rows of the table.
+    pub fn shown(&self) -> &[Row] {
+        if self.teams.is_empty() { &self.rows } else { &self.teams }
+    }
+}
+
+impl Row {
+    /// The row of a vehicle with its team's name.
+    fn named(&self, team: &str) -> Self {
+        Self { name: format!("{team}/{}", self.name), ..self.clone() }
+    }
+}
+
 /// One vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// Who.
-    pub id: VehicleId,
+    /// The vehicle, or a team of several.
+    pub name: String,
     /// What it is doing.
     pub phase: String,
     /// Something is wrong with it.
@@ -184,7 +272,7 @@ pub fn rows(vehicles: &[Known<'_>], rings: &[Ring], now: Instant) -> Vec<Row> {
         let others = || vehicles.iter().filter(|other| other.id != known.id).filter_map(|other| other.flying(now));
         let (phase, bad) = known.phase(now);
         Row {
-            id: known.id,
+            name: known.id.to_string(),
             phase,
             bad,
             altitude_m: trace.map(|trace| trace.position.altitude_m()),
@@ -222,8 +310,8 @@ mod tests {
 
     #[test]
     fn a_summary_has_the_essential_figures() {
-        let row = |id, altitude_m: Option<f64>| Row {
-            id: VehicleId::new(id).unwrap(),
+        let row = |id: u8, altitude_m: Option<f64>| Row {
+            name: id.to_string(),
             phase: altitude_m.map_or("silent", |_| "formation").to_owned(),
             bad: false,
             altitude_m,
@@ -244,6 +332,8 @@ mod tests {
             duration_s: None,
             out: String::new(),
             rows: vec![row(1, Some(29.5)), row(2, Some(30.0)), row(3, None)],
+            teams: Vec::new(),
+            team: None,
             has_gaps: true,
             events: Vec::new(),
         };

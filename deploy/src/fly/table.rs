@@ -8,7 +8,7 @@ use ratatui::widgets::{Block, Borders, Cell, Padding, Paragraph, Row as TableRow
 use skein_lab::terminal::{shortened, wrapped};
 
 use super::columns::{Column, NARROW, WIDE, WIDE_COLUMNS};
-use super::status::{FlightStatus, Row, Stage};
+use super::status::{EVENT_TIME as EVENT_INDENT, FlightStatus, Row, Stage};
 
 /// Lines kept for events, if there is room for them.
 const EVENT_LINES: u16 = 3;
@@ -16,8 +16,6 @@ const EVENT_LINES: u16 = 3;
 const EVENTS_BESIDE: u16 = WIDE_COLUMNS + 50;
 /// The most space between two columns of the table.
 const MAX_SPACING: u16 = 3;
-/// Columns of the time in front of an event.
-const EVENT_INDENT: usize = 10;
 
 /// Draws all of it, or the explanation of the columns.
 pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, explains: bool) {
@@ -32,7 +30,7 @@ pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, explains: bool) {
         frame.render_widget(Paragraph::new(explanation(columns, width)), body);
     } else if body.width >= EVENTS_BESIDE {
         let [left, right] = Layout::horizontal([Constraint::Length(WIDE_COLUMNS), Constraint::Min(0)]).areas(body);
-        let rest = draw_vehicles(frame, left, &status.rows, columns, 0);
+        let rest = draw_vehicles(frame, left, status.shown(), columns, 0);
         frame.render_widget(Paragraph::new(legend(columns, usize::from(rest.width))).style(dim()), rest);
         let block = Block::new().borders(Borders::LEFT).border_style(dim()).padding(Padding::horizontal(1));
         let inner = block.inner(right);
@@ -40,9 +38,9 @@ pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, explains: bool) {
         draw_events(frame, inner, status);
     } else {
         let legend = legend(columns, width);
-        let wanted = u16::try_from(status.rows.len() + legend.len()).unwrap_or(u16::MAX).saturating_add(3);
+        let wanted = u16::try_from(status.shown().len() + legend.len()).unwrap_or(u16::MAX).saturating_add(3);
         let has_legend = body.width >= WIDE_COLUMNS && body.height >= wanted.saturating_add(EVENT_LINES);
-        let rest = draw_vehicles(frame, body, &status.rows, columns, EVENT_LINES);
+        let rest = draw_vehicles(frame, body, status.shown(), columns, EVENT_LINES);
         let height = if has_legend { u16::try_from(legend.len()).unwrap_or(0) + 1 } else { 0 };
         let [keys, events] = Layout::vertical([Constraint::Length(height), Constraint::Min(0)]).areas(rest);
         frame.render_widget(Paragraph::new(legend).style(dim()), keys);
@@ -88,7 +86,10 @@ fn headline(status: &FlightStatus) -> Line<'_> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
     Line::from(vec![
         Span::styled(status.swarm.as_str(), bold),
-        Span::raw(format!("  {} vehicles, {}  ", status.rows.len(), status.plant)),
+        Span::raw(match status.teams.len() {
+            0 => format!("  {} vehicles, {}  ", status.rows.len(), status.plant),
+            teams => format!("  {} vehicles in {teams} teams, {}  ", status.rows.len(), status.plant),
+        }),
         Span::styled(stage(status), bold),
     ])
 }
@@ -173,13 +174,12 @@ fn keys(status: &FlightStatus, width: usize) -> String {
 mod tests {
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
-    use skein_common::id::VehicleId;
 
     use super::*;
 
     fn row(id: u8) -> Row {
         Row {
-            id: VehicleId::new(id).unwrap(),
+            name: id.to_string(),
             phase: "formation".to_owned(),
             bad: false,
             altitude_m: Some(30.04),
@@ -203,6 +203,8 @@ mod tests {
             duration_s: Some(400.0),
             out: "skein-runs/hover".to_owned(),
             rows,
+            teams: Vec::new(),
+            team: None,
             has_gaps: true,
             events: (1..=9).map(|nth| format!("{:6.1} s  event {nth}", f64::from(nth))).collect(),
         }

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use skein_agent::link::Security;
 use skein_agent::link::security::Tls;
 use skein_agent::link::signature::{NotAKey, SigningKey, VerificationKey};
+use skein_common::id::VehicleName;
+use skein_common::topic::Branch;
 
 use super::{Flown, Reach};
 use crate::inventory::Inventory;
@@ -44,7 +46,7 @@ impl Inventory {
             authority: folder.path(AUTHORITY),
             certificate: folder.path(&certificate),
             key: folder.path(&key),
-            vehicles: names.vehicles,
+            vehicles: names.vehicles.into_iter().map(|(id, known)| (VehicleName::from(id), known)).collect(),
             observer: names.observer,
             operator: names.operator,
         };
@@ -52,6 +54,7 @@ impl Inventory {
         let signing_key = (role == Role::Operator).then(|| signing_key(&folder, orders_key)).transpose()?;
         Ok(Reach {
             swarm: self.swarm.clone(),
+            branch: Branch::SWARM,
             agents: self.endpoints(),
             security: Security::Tls(tls),
             orders_key: Some(orders_key),

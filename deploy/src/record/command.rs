@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::keys::Role;
+use skein_common::id::TeamId;
 use skein_common::scenario::{Source, load};
 use skein_common::state::Membership;
 
@@ -30,6 +31,9 @@ pub struct RecordArgs {
     /// The swarm to record.
     #[command(flatten)]
     pub swarm: SwarmArgs,
+    /// The team of a fleet to record
+    #[arg(long, value_name = "N", conflicts_with_all = ["repair", "merge"])]
+    pub team: Option<TeamId>,
     /// The file to be written; there must be none of that name
     #[arg(long, value_name = "FILE", required_unless_present = "repair")]
     pub out: Option<PathBuf>,
@@ -53,7 +57,7 @@ pub fn run(args: &RecordArgs) -> Result<(), Error> {
             skein_lab::terminal::say(&format!("{}: {repaired}\n", broken.display()));
             Ok(())
         }
-        (None, Some(out)) if args.merge.is_empty() => record(&args.swarm, out),
+        (None, Some(out)) if args.merge.is_empty() => record(&args.swarm, args.team, out),
         (None, Some(out)) => {
             refuse_existing(out)?;
             let messages = merge(&args.merge, out).map_err(|error| about_file(out, &args.merge, error))?;
@@ -88,14 +92,17 @@ fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
 }
 
 /// Records a live swarm until Ctrl-C, or until the file cannot be written. Recording does not affect the flight.
-fn record(swarm: &SwarmArgs, out: &Path) -> Result<(), Error> {
+fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<(), Error> {
     refuse_existing(out)?;
-    let reach = swarm.reach(Role::Observer)?;
+    let reach = match team {
+        Some(team) => swarm.reach_teams(Role::Observer, &[team])?.remove(0),
+        None => swarm.reach(Role::Observer)?,
+    };
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
     let mut observer = Observer::open(&reach, TraceSubscription::On)?;
     let received = first_messages(&mut observer, &reach)?;
     let mut recorder = begin(&reach, out)?;
-    eprintln!("recording swarm {} into {}; Ctrl-C ends the recording", reach.swarm, out.display());
+    eprintln!("recording {} into {}; Ctrl-C ends the recording", reach.title(), out.display());
     let mut window = Window::default();
     received.iter().for_each(|(received, at)| put(&mut recorder, received, *at));
     while interrupts.count() == 0 && !recorder.has_failed() {
@@ -124,7 +131,7 @@ fn first_messages(observer: &mut Observer, reach: &Reach) -> Result<Vec<(SwarmMe
             return Ok(received);
         }
         if clock::now() >= until {
-            return Err(Error::Failed(format!("no vehicle of swarm {} answered", reach.swarm)));
+            return Err(Error::Failed(format!("no vehicle of {} answered", reach.title())));
         }
         clock::sleep(TICK);
     }

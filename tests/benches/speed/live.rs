@@ -14,10 +14,12 @@ use serde_json::Value;
 use skein::endpoints;
 use skein::observe::{Observer, TraceSubscription};
 use skein::os;
+use skein::reach::Reach;
 use skein_common::id::VehicleId;
 use skein_common::message::Health;
 use skein_common::state::Activity;
 use skein_common::statistics::quantile;
+use skein_common::topic::Branch;
 
 use crate::{one_ring, print_table, row};
 
@@ -162,7 +164,8 @@ impl Flight {
             }
             if observer.is_none() {
                 let endpoints = endpoints::find(&runtime, None).ok();
-                observer = endpoints.and_then(|found| Observer::open(&found.into(), TraceSubscription::Off).ok());
+                observer = endpoints
+                    .and_then(|found| Observer::open(&Reach::here(&found, Branch::SWARM), TraceSubscription::Off).ok());
             }
             let Some(observer) = &mut observer else { continue };
             observer.poll();

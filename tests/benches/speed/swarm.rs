@@ -10,7 +10,7 @@ use skein_core::helicopter::{BuiltInVehicle, TICK_S};
 use skein_core::peers::{Broadcast, PeerMessage, ReceivedState, SharedRecords};
 use skein_core::plant::{Command, Controls, Measurement};
 use skein_core::start::starts;
-use skein_core::station::{Clocks, Station};
+use skein_core::station::{Clocks, InPlace, Station};
 use skein_lab::study::Study;
 use skein_lab::world::{Blocks, World};
 
@@ -87,7 +87,13 @@ impl Swarm {
         let broadcast = Broadcast { messages: &received, records: Some(&self.records) };
         for (station, vehicle) in self.stations.iter_mut().zip(&self.plants) {
             let frame = vehicle.frame();
-            let outputs = station.step(local, (frame.time, Some(&frame.measurement)), false, None, broadcast);
+            let outputs = station.step(
+                local,
+                (frame.time, Some(&frame.measurement)),
+                false,
+                None,
+                InPlace { broadcast, strangers: &[] },
+            );
             plant = frame.time;
             measurements.push(frame.measurement);
             commands.push(outputs.command);

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use skein_tests::{
-    central, central_summary, conversion, divergence, faults, formation_error, golden, halves, laws, tour, variants,
-    wind,
+    central, central_summary, conversion, divergence, faults, fleets, formation_error, golden, halves, laws, tour,
+    variants, wind,
 };
 
 /// Flies many swarms in virtual time and prints their figures
@@ -32,6 +32,8 @@ enum Table {
     Conversion,
     /// Every fault in a small mission, with four and with eight vehicles
     Faults,
+    /// Two fleets of 64 vehicles that fly through each other over a lossy network
+    Fleets,
     /// A swarm that a cut splits for 20 s, under both policies
     Halves,
     /// Flies the flights of the golden files again, writes the files and prints which medians changed
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
                 central::limits(8, &delays_s, &steps_s, seeds)
             }
             Table::Conversion => conversion::markdown(seeds),
+            Table::Fleets => fleets::table(seeds),
             Table::Faults => faults::table(&[4, 8], seeds),
             Table::Halves => halves::table(seeds),
             Table::Golden => write_golden(),

@@ -33,6 +33,8 @@ pages! {
     laws_matlab: "deploy/book/src/laws-matlab.md",
     missions: "deploy/book/src/missions.md",
     faults: "deploy/book/src/faults.md",
+    fleets: "deploy/book/src/fleets.md",
+    fleets_live: "deploy/book/src/fleets-live.md",
     studies: "deploy/book/src/studies.md",
     recordings: "deploy/book/src/recordings.md",
     xplane: "deploy/book/src/xplane.md",

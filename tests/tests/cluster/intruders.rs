@@ -22,7 +22,7 @@ use skein_agent::link::signature::SigningKey;
 use skein_agent::link::signature::messages::{ADDED_BYTES, KeyRing};
 use skein_agent::link::{Security, Sessions};
 use skein_common::frame::{Geodetic, VelocityNed};
-use skein_common::id::{Incarnation, SwarmName, VehicleId};
+use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleName};
 use skein_common::message::{self, Header, Heartbeat, Message, Order, Signature, State, Verb};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::time::SenderStamp;
@@ -188,7 +188,7 @@ fn open(who: &str) -> Sessions {
             // The intruder itself accepts every certificate.
             let known: Vec<PeerIdentity> =
                 serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
-            let vehicles = VehicleId::first(HOSTS.into()).zip(known).collect();
+            let vehicles = VehicleId::first(HOSTS.into()).map(VehicleName::from).zip(known).collect();
             let (observer, operator) = ("observer".to_owned(), "operator".to_owned());
             ("tls", Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }))
         }

@@ -9,9 +9,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::{SwarmName, VehicleName};
 use skein_common::message::{self, DecodeError, Message, Reason, Signature};
-use skein_common::topic::{Author, Topic};
+use skein_common::topic::{Author, Branch, Topic};
 
 use super::{SigningKey, VerificationKey};
 
@@ -63,7 +63,7 @@ impl VerificationError {
 pub struct KeyRing {
     swarm: SwarmName,
     /// `None` on plain links, where messages are not signed.
-    keys: Option<Arc<BTreeMap<VehicleId, VerificationKey>>>,
+    keys: Option<Arc<BTreeMap<VehicleName, VerificationKey>>>,
 }
 
 impl KeyRing {
@@ -73,7 +73,7 @@ impl KeyRing {
     }
 
     /// Verifies messages with these keys.
-    pub fn signed(swarm: SwarmName, keys: BTreeMap<VehicleId, VerificationKey>) -> Self {
+    pub fn signed(swarm: SwarmName, keys: BTreeMap<VehicleName, VerificationKey>) -> Self {
         Self { swarm, keys: Some(Arc::new(keys)) }
     }
 
@@ -83,9 +83,9 @@ impl KeyRing {
     /// # Errors
     /// If the bytes are not a message of the sender that the key names.
     pub fn read<M: Message>(&self, key: &str, bytes: &[u8]) -> Result<Verified<M>, VerificationError> {
-        let topic = Topic::parse(key).ok_or(VerificationError::OtherName)?;
+        let (branch, topic) = Branch::parse(key).ok_or(VerificationError::OtherName)?;
         let keys = match (&self.keys, topic.author()) {
-            (Some(keys), Author::Vehicle(id)) => Some(keys.get(&id).ok_or(VerificationError::Stranger)?),
+            (Some(keys), Author::Vehicle(id)) => Some(keys.get(&branch.name(id)).ok_or(VerificationError::Stranger)?),
             _ => None,
         };
         let Some(known_by) = keys else {
@@ -131,7 +131,7 @@ fn own<M: Message>(topic: &Topic, bytes: &[u8]) -> Result<M, VerificationError> 
 
 #[cfg(test)]
 mod tests {
-    use skein_common::id::Incarnation;
+    use skein_common::id::{Incarnation, VehicleId};
     use skein_common::message::{Event, EventKind, Header, Order, Verb};
     use skein_common::time::SenderStamp;
 
@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn a_message_is_accepted_under_its_senders_key_with_its_senders_signature() {
         let (one, two) = (signing_key(), signing_key());
-        let keys = BTreeMap::from([(id(1), one.key()), (id(2), two.key())]);
+        let keys = BTreeMap::from([(id(1).into(), one.key()), (id(2).into(), two.key())]);
         let lab = KeyRing::signed(name("lab"), keys.clone());
         let bytes = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
         let read = |key_ring: &KeyRing, key: &str, bytes: &[u8]| key_ring.read::<Event>(key, bytes);
@@ -177,7 +177,7 @@ mod tests {
     #[test]
     fn a_signed_message_with_a_changed_or_missing_byte_is_refused() {
         let one = signing_key();
-        let lab = KeyRing::signed(name("lab"), BTreeMap::from([(id(1), one.key())]));
+        let lab = KeyRing::signed(name("lab"), BTreeMap::from([(id(1).into(), one.key())]));
         let bytes = lab.write(Some(&one), 7, "vehicle/1/event", &event(1));
         for nth in 0..bytes.len() {
             for bit in 0..8 {

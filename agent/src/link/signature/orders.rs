@@ -8,6 +8,7 @@ use std::sync::{Mutex, PoisonError};
 
 use skein_common::id::SwarmName;
 use skein_common::message::{Order, Verb};
+use skein_common::topic::Branch;
 
 use super::{SigningKey, VerificationKey};
 
@@ -18,8 +19,9 @@ const CONTEXT: &[u8] = b"skein order v1\0";
 /// current.
 const KEPT: usize = 16;
 
-/// The signed bytes: the order's content, swarm and run. Every field has a fixed length.
-fn signed_bytes(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
+/// The signed bytes: the order's content, swarm and run, and in a fleet its team, so that an order to one team is
+/// refused by the others. Every field has a fixed length.
+fn signed_bytes(swarm: &SwarmName, branch: Branch, run: u64, order: &Order) -> Vec<u8> {
     let (verb, step) = match order.verb {
         Verb::Hold => (0, 0),
         Verb::Land => (1, 0),
@@ -31,17 +33,18 @@ fn signed_bytes(swarm: &SwarmName, run: u64, order: &Order) -> Vec<u8> {
     bytes.extend(order.issuer.to_le_bytes());
     bytes.push(verb);
     bytes.extend(step.to_le_bytes());
+    bytes.extend(branch.team().into_iter().flat_map(|team| team.get().to_le_bytes()));
     bytes
 }
 
 /// Whether the operator with this key gave this order in this run of the swarm. Takes about 100 µs.
-pub fn is_signed(key: &VerificationKey, swarm: &SwarmName, run: u64, order: &Order) -> bool {
-    order.signature.is_some_and(|signature| key.has_signed(&signed_bytes(swarm, run, order), signature))
+pub fn is_signed(key: &VerificationKey, swarm: &SwarmName, branch: Branch, run: u64, order: &Order) -> bool {
+    order.signature.is_some_and(|signature| key.has_signed(&signed_bytes(swarm, branch, run, order), signature))
 }
 
 /// Signs the order for this run of this swarm.
-pub fn sign(signing_key: &SigningKey, swarm: &SwarmName, run: u64, order: Order) -> Order {
-    Order { signature: Some(signing_key.sign(&signed_bytes(swarm, run, &order))), ..order }
+pub fn sign(signing_key: &SigningKey, swarm: &SwarmName, branch: Branch, run: u64, order: Order) -> Order {
+    Order { signature: Some(signing_key.sign(&signed_bytes(swarm, branch, run, &order))), ..order }
 }
 
 /// Verifies orders, and remembers the latest results so that a repeated order costs nothing.
@@ -49,14 +52,15 @@ pub fn sign(signing_key: &SigningKey, swarm: &SwarmName, run: u64, order: Order)
 pub struct Checker {
     key: VerificationKey,
     swarm: SwarmName,
+    branch: Branch,
     /// The latest results: whether this order is valid in this run.
     known: Mutex<Vec<(u64, Order, bool)>>,
 }
 
 impl Checker {
     /// Verifies orders of this swarm by this key.
-    pub fn new(key: VerificationKey, swarm: SwarmName) -> Self {
-        Self { key, swarm, known: Mutex::new(Vec::with_capacity(KEPT)) }
+    pub fn new(key: VerificationKey, swarm: SwarmName, branch: Branch) -> Self {
+        Self { key, swarm, branch, known: Mutex::new(Vec::with_capacity(KEPT)) }
     }
 
     /// Whether the operator gave this order in this run.
@@ -65,7 +69,7 @@ impl Checker {
         let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let answer = known().iter().find(|(of, known, _)| (*of, known) == (run, order)).map(|(.., answer)| *answer);
         answer.unwrap_or_else(|| {
-            let answer = is_signed(&self.key, &self.swarm, run, order);
+            let answer = is_signed(&self.key, &self.swarm, self.branch, run, order);
             let mut known = known();
             if known.len() == KEPT {
                 known.remove(0);
@@ -78,6 +82,7 @@ impl Checker {
 
 #[cfg(test)]
 mod tests {
+    use skein_common::id::TeamId;
     use skein_common::message::Signature;
 
     use super::super::tests::{name, signing_key};
@@ -85,15 +90,23 @@ mod tests {
 
     const ORDER: Order = Order { epoch: 5, issuer: 9, verb: Verb::Goto(2), signature: None };
 
+    fn team(number: u16) -> Branch {
+        Branch::of(Some(TeamId::new(number).unwrap()))
+    }
+
     #[test]
     fn a_signature_is_valid_for_one_order_in_one_run_of_one_swarm() {
         let (operator, lab) = (signing_key(), name("lab"));
-        let (key, signed) = (operator.key(), sign(&operator, &lab, 7, ORDER));
+        let (key, signed) = (operator.key(), sign(&operator, &lab, Branch::SWARM, 7, ORDER));
         assert_eq!(Order { signature: None, ..signed }, ORDER);
-        assert!(is_signed(&key, &lab, 7, &signed));
-        assert!(!is_signed(&key, &lab, 7, &ORDER), "not signed");
-        assert!(!is_signed(&key, &lab, 8, &signed), "in another run");
-        assert!(!is_signed(&key, &name("lab2"), 7, &signed), "in another swarm");
+        assert!(is_signed(&key, &lab, Branch::SWARM, 7, &signed));
+        assert!(!is_signed(&key, &lab, Branch::SWARM, 7, &ORDER), "not signed");
+        assert!(!is_signed(&key, &lab, Branch::SWARM, 8, &signed), "in another run");
+        assert!(!is_signed(&key, &lab, team(1), 7, &signed), "to a team");
+        let to_team = sign(&operator, &lab, team(1), 7, ORDER);
+        assert!(is_signed(&key, &lab, team(1), 7, &to_team));
+        assert!(!is_signed(&key, &lab, team(2), 7, &to_team) && !is_signed(&key, &lab, Branch::SWARM, 7, &to_team));
+        assert!(!is_signed(&key, &name("lab2"), Branch::SWARM, 7, &signed), "in another swarm");
         let others = [
             Order { epoch: 6, ..signed },
             Order { issuer: 10, ..signed },
@@ -102,9 +115,9 @@ mod tests {
             Order { signature: Some(Signature::from_bytes([0; Signature::BYTES])), ..signed },
         ];
         for other in others {
-            assert!(!is_signed(&key, &lab, 7, &other), "{other:?}");
+            assert!(!is_signed(&key, &lab, Branch::SWARM, 7, &other), "{other:?}");
         }
-        assert!(!is_signed(&signing_key().key(), &lab, 7, &signed), "signed by another operator");
+        assert!(!is_signed(&signing_key().key(), &lab, Branch::SWARM, 7, &signed), "signed by another operator");
     }
 
     /// The signed bytes are part of the protocol.
@@ -114,14 +127,16 @@ mod tests {
         golden.extend([3, 0, 0, 0, 0, 0, 0, 0]);
         golden.extend(b"lab");
         golden.extend([7, 0, 0, 0, 0, 0, 0, 0, 5, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0, 2, 2, 0, 0, 0]);
-        assert_eq!(signed_bytes(&name("lab"), 7, &ORDER), golden);
+        assert_eq!(signed_bytes(&name("lab"), Branch::SWARM, 7, &ORDER), golden);
+        golden.extend([3, 1]);
+        assert_eq!(signed_bytes(&name("lab"), team(259), 7, &ORDER), golden);
     }
 
     #[test]
     fn verified_orders_are_remembered_in_bounded_memory() {
         let (operator, lab) = (signing_key(), name("lab"));
-        let checker = Checker::new(operator.key(), lab.clone());
-        let signed = |epoch| sign(&operator, &lab, 7, Order { epoch, ..ORDER });
+        let checker = Checker::new(operator.key(), lab.clone(), Branch::SWARM);
+        let signed = |epoch| sign(&operator, &lab, Branch::SWARM, 7, Order { epoch, ..ORDER });
         for epoch in 0..100 {
             assert!(checker.is_signed(7, &signed(epoch)));
             assert!(!checker.is_signed(8, &signed(epoch)));

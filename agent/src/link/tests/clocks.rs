@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicUsize;
 
-use skein_common::message::{ClockAnswer, Health, PeerHealth, decode};
+use skein_common::message::{ClockAnswer, Health, PeerHealth, Traffic, decode};
 use skein_common::state::{Activity, PeerStatus};
 use zenoh::query::Query;
 
@@ -33,6 +33,9 @@ fn health(sender: u8, sequence: u64, peers: &[u8]) -> Health {
         refused: Vec::new(),
         state_messages: 0,
         state_bytes: 0,
+        links: 0,
+        sent: Traffic::default(),
+        received: Traffic::default(),
         peers: peers.iter().map(peer).collect(),
     }
 }

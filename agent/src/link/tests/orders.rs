@@ -67,13 +67,13 @@ fn only_an_order_signed_by_the_operator_in_this_run_is_accepted() {
     let operator = signing_key();
     let agent = link(hub, 1, trust_in(&swarm, operator.key(), RUN));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
-    let good = sign(&operator, &swarm, RUN, order(2, Verb::Hold));
+    let good = sign(&operator, &swarm, Branch::SWARM, RUN, order(2, Verb::Hold));
     let bad = [
         order(9, Verb::Abort),
-        sign(&signing_key(), &swarm, RUN, order(9, Verb::Abort)),
+        sign(&signing_key(), &swarm, Branch::SWARM, RUN, order(9, Verb::Abort)),
         // From an earlier run: without the run's number it would be valid.
-        sign(&operator, &swarm, RUN - 1, order(9, Verb::Abort)),
-        sign(&operator, &SwarmName::new("another").unwrap(), RUN, order(9, Verb::Abort)),
+        sign(&operator, &swarm, Branch::SWARM, RUN - 1, order(9, Verb::Abort)),
+        sign(&operator, &SwarmName::new("another").unwrap(), Branch::SWARM, RUN, order(9, Verb::Abort)),
         Order { verb: Verb::Abort, ..good },
     ];
     assert_eq!(refused_then(&agent, &session, &bad, good), [good]);
@@ -96,7 +96,7 @@ fn an_order_invented_in_a_heartbeat_is_removed_and_counted() {
     assert_eq!(agent.drops(), Drops { unsigned: refused[0].count, ..Drops::default() });
 
     // An order in another vehicle's heartbeat is valid if the operator has signed it.
-    let signed = sign(&operator, &swarm, RUN, order(1, Verb::Land));
+    let signed = sign(&operator, &swarm, Branch::SWARM, RUN, order(1, Verb::Land));
     assert_eq!(store_heartbeat(&agent, &node, 3, signed).order, Some(signed));
 }
 
@@ -124,7 +124,10 @@ fn an_agent_without_a_run_refuses_peers_with_a_run_and_signed_orders() {
         by_hand.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(RUN));
     }
     assert_eq!((by_hand.receiver.verifier.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
-    let bad = [sign(&operator, &swarm, 0, order(9, Verb::Abort)), sign(&operator, &swarm, RUN, order(9, Verb::Abort))];
+    let bad = [
+        sign(&operator, &swarm, Branch::SWARM, 0, order(9, Verb::Abort)),
+        sign(&operator, &swarm, Branch::SWARM, RUN, order(9, Verb::Abort)),
+    ];
     let deadline = now() + TIMEOUT;
     while by_hand.drops().unsigned < 4 {
         assert!(now() < deadline, "{:?}", by_hand.drops());

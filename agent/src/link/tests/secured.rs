@@ -94,10 +94,10 @@ impl Authority {
     }
 
     /// Known vehicles; vehicle 3's first certificate name was revoked.
-    fn vehicles(&self) -> BTreeMap<VehicleId, PeerIdentity> {
+    fn vehicles(&self) -> BTreeMap<VehicleName, PeerIdentity> {
         let known = |name: &str| PeerIdentity { name: name.to_owned(), key: self.signing_key(name).key() };
         let names = ["vehicle-1", "vehicle-2", "vehicle-3.2"];
-        names.iter().zip(1..).map(|(name, number)| (id(number), known(name))).collect()
+        names.iter().zip(1..).map(|(name, number)| (id(number).into(), known(name))).collect()
     }
 
     /// Trust of an agent with this certificate.

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use rustls_pki_types::pem::PemObject;
 use rustls_pki_types::{CertificateDer, PrivateKeyDer, ServerName};
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 use tokio::net::TcpStream;
 use tokio_rustls::rustls::client::Resumption;
 use tokio_rustls::rustls::crypto::ring;
@@ -31,7 +31,7 @@ pub(in crate::link) struct Peer {
     /// Common name in its certificate.
     pub(super) name: String,
     /// Vehicle of the agent; `None` for observers and operators.
-    pub(super) vehicle: Option<VehicleId>,
+    pub(super) vehicle: Option<VehicleName>,
     /// Time until its certificate expires.
     pub(super) valid_for: Duration,
 }
@@ -40,8 +40,8 @@ pub(in crate::link) struct Peer {
 pub(in crate::link) struct TlsContext {
     acceptor: TlsAcceptor,
     connector: TlsConnector,
-    /// Known common names: a vehicle's with its id and key, an observer's or operator's with `None`.
-    names: BTreeMap<String, Option<(VehicleId, VerificationKey)>>,
+    /// Known common names: a vehicle's with its name and key, an observer's or operator's with `None`.
+    names: BTreeMap<String, Option<(VehicleName, VerificationKey)>>,
 }
 
 impl TlsContext {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use nalgebra::Vector2;
 use skein_common::id::{TeamId, VehicleId};
 
 use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
@@ -66,7 +67,7 @@ fn drawing(places: &[TeamPlaces], subject: &str) -> Option<Drawing> {
         whole.title = "all teams".to_owned();
         let mut close = vehicles_panel(&close(&trails));
         close.place = [0.53, 0.0, 1.0, 1.0];
-        close.title = "neighbouring teams in the middle, vehicle by vehicle".to_owned();
+        close.title = "some teams, vehicle by vehicle".to_owned();
         let caption = "Left: paths of the teams' centres, and the last places of all vehicles. Right: paths of the vehicles of \
                        some neighbouring teams.";
         (vec![whole, close], caption)
@@ -137,7 +138,7 @@ fn close(trails: &Trails) -> Trails {
     let mut nearest: BTreeMap<TeamId, f64> = BTreeMap::new();
     for ((team, _), trail) in trails {
         let at = first(trail);
-        let away_m = (at[0] - middle[0]).hypot(at[1] - middle[1]);
+        let away_m = Vector2::new(at[0] - middle[0], at[1] - middle[1]).norm();
         nearest.entry(*team).and_modify(|least_m| *least_m = least_m.min(away_m)).or_insert(away_m);
     }
     let mut order: Vec<_> = nearest.into_iter().collect();
@@ -220,6 +221,6 @@ mod tests {
         let Some(Part::Table { rows, .. }) = table(&format!("team,min_separation_m,collisions\n{rows}")) else {
             panic!("a table")
         };
-        assert_eq!((rows.len(), rows[0][0].as_str(), rows[0][5].as_str()), (MOST_TEAMS, "40", "10"));
+        assert_eq!((rows.len(), rows[0][0].as_str(), rows[0][5].as_str()), (MOST_TEAMS, "40", "10.00"));
     }
 }

@@ -153,8 +153,14 @@ fn above(run: &Flown, folder: &Folder) -> String {
 /// A line with what all runs have in common.
 fn subject(folder: &Folder) -> String {
     let values = |key: &str| folder.texts(key).into_iter().collect::<Vec<_>>().join(", ");
-    let vehicles =
-        folder.constant("swarm.vehicles").flatten().map_or_else(String::new, |count| format!(" · {count} vehicles"));
+    // A fleet has more vehicles than each of its teams.
+    let teams = folder.runs.first().and_then(|run| run.measured.figures.get("teams").copied().flatten());
+    let vehicles = match teams {
+        Some(teams) => format!(" · {teams} teams"),
+        None => {
+            folder.constant("swarm.vehicles").flatten().map_or_else(String::new, |count| format!(" · {count} vehicles"))
+        }
+    };
     let seeds = folder.runs.iter().map(|run| run.measured.seed);
     let seeds = match (seeds.clone().min(), seeds.max()) {
         (Some(first), Some(last)) if first < last => format!("seeds {first} to {last}"),

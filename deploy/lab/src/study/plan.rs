@@ -212,8 +212,8 @@ impl Plan {
 
 /// Whether two scenarios differ at most in the place and the seed of their teams.
 fn differ_only_in_place(one: &Scenario, other: &Scenario) -> bool {
-    let Scenario { seed, ref origin, team, .. } = *other;
-    Scenario { seed, origin: origin.clone(), team, ..one.clone() } == *other
+    let Scenario { seed, origin, team, .. } = *other;
+    Scenario { seed, origin, team, ..one.clone() } == *other
 }
 
 /// Every value of a scenario.
@@ -252,6 +252,13 @@ fn hash_file(path: &Path, hasher: &mut impl Hasher) -> Result<(), Error> {
 pub(super) struct RunFiles {
     scenario: String,
     aircraft: BTreeMap<String, String>,
+}
+
+/// The files that describe a run of a fleet: as of any run, and the complete scenario of each team that is recorded.
+#[derive(Debug)]
+struct FleetFiles {
+    run: RunFiles,
+    teams_toml: Vec<String>,
 }
 
 /// One run of a study.
@@ -302,22 +309,22 @@ impl PlannedRun<'_> {
     /// # Errors
     /// The reason, with the name of the run.
     pub(super) fn fly_fleet(&self, is_recorded: bool) -> Result<Measured, Error> {
-        let (study, texts, aircraft) = self.fleet()?;
+        let (study, files) = self.fleet()?;
         let folder = self.folder();
-        let (text, teams_toml) = texts;
-        let recording = FleetRecording { folder: &folder, scenario_toml: &text, teams_toml: &teams_toml };
+        let (scenario_toml, teams_toml) = (files.run.scenario.as_str(), files.teams_toml.as_slice());
+        let recording = FleetRecording { folder: &folder, scenario_toml, teams_toml };
         let is_recorded = is_recorded && study.teams.iter().any(|team| team.scenario.record.runs != RecordRuns::None);
         let report = study.fly(self.plan.threads, is_recorded.then_some(&recording));
         let report = report.map_err(|error| Error::Failed(format!("{self}: {error}")))?;
         drop(study);
         write(&folder.join("teams.csv"), &report.teams_csv())?;
-        self.write(&RunFiles { scenario: text, aircraft }, &report)?;
+        self.write(&files.run, &report)?;
         Ok(report.measured())
     }
 
     /// The studies of a fleet's teams, the complete file with those of the teams that are recorded, and the texts of the
     /// aircraft.
-    fn fleet(&self) -> Result<(FleetStudy, (String, Vec<String>), BTreeMap<String, String>), Error> {
+    fn fleet(&self) -> Result<(FleetStudy, FleetFiles), Error> {
         let described = self.read()?;
         let text = described.to_toml();
         let origin = described.first().scenario.team.map(|team| team.origin);
@@ -342,7 +349,8 @@ impl PlannedRun<'_> {
             teams.push(Study { scenario, aircraft, rules, laws: LawPool::default() });
         }
         let origin = origin.ok_or_else(|| self.changed())?;
-        Ok((FleetStudy { teams, seed: self.seed, origin }, (text, teams_toml), aircraft_files))
+        let run = RunFiles { scenario: text, aircraft: aircraft_files };
+        Ok((FleetStudy { teams, seed: self.seed, origin }, FleetFiles { run, teams_toml }))
     }
 
     fn changed(&self) -> Error {

@@ -16,7 +16,7 @@ use skein_core::helicopter::Script;
 use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, Received};
 use skein_core::plant::{Command, Frame, GroundTruth, Measurement};
-use skein_core::station::{Clocks, Station};
+use skein_core::station::{Clocks, InPlace, Station};
 use skein_core::strangers::StrangerState;
 
 use super::script::{self, ScriptedAction};
@@ -164,7 +164,7 @@ impl Vehicle {
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
         let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());
         let strangers = group.map_or(&[][..], Vec::as_slice);
-        Some(station.step(now, plant, false, answer.as_ref(), broadcast, strangers))
+        Some(station.step(now, plant, false, answer.as_ref(), InPlace { broadcast, strangers }))
     }
 
     pub(super) fn trace(&mut self, now: LocalTime) -> Option<Trace> {

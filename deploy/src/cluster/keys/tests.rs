@@ -260,7 +260,7 @@ fn the_keys_in_the_folder_connect_to_the_swarm() {
     assert_eq!((reach.swarm.as_str(), reach.agents.len()), ("lab", 2));
     let Security::Tls(tls) = reach.security else { panic!("secured") };
     assert_eq!((tls.key, tls.vehicles.len()), (inventory.keys.join("operator.key"), 2));
-    assert_eq!(tls.vehicles[&VehicleId::new(1).unwrap()].name, "vehicle-1");
+    assert_eq!(tls.vehicles[&VehicleId::new(1).unwrap().into()].name, "vehicle-1");
     let signing_key = SigningKey::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
     assert_eq!((reach.orders_key, reach.signing_key.unwrap().key()), (Some(signing_key.key()), signing_key.key()));
     assert!(inventory.reach(Role::Observer).unwrap().signing_key.is_none(), "an observer cannot sign orders");

@@ -4,15 +4,18 @@ use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 
 use super::{HealthReport, NodeStatus, SwarmStatus};
 
-const HEADER: [&str; 12] =
-    ["node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "faults", "refused", "uptime"];
+const HEADER: [&str; 14] = [
+    "node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "links", "o/i", "fault",
+    "refused", "uptime",
+];
 /// What every column shows, its unit, and which values are bad.
-const LEGEND: [&str; 5] = [
+const LEGEND: [&str; 6] = [
     "version: the release that runs   plant: what moves   phase: what the vehicle does   uptime: since its agent started",
     "Hz: simulator frames per second   jitter: latest frame of the last second, ms; bad above a frame's period, 1000/Hz",
     "peers: in contact, of all others   age: of the oldest peer state, delay included, ms (> if a delay is unknown)",
     "clock ms: ahead of the swarm's clock, ± bound (! if more than 20 ms off; flight does not depend on it)",
-    "faults: what has failed, named below   refused: messages not believed since the start, named below",
+    "links: with other agents and observers   o/i: messages published and received, a second, since its start",
+    "fault: what has failed, named below   refused: messages not believed since the start, named below",
 ];
 /// Columns with text; the others hold numbers.
 const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
@@ -42,10 +45,10 @@ pub(super) fn of(status: &SwarmStatus, file: &str) -> String {
     text
 }
 
-fn row(node: &NodeStatus) -> [String; 12] {
+fn row(node: &NodeStatus) -> [String; 14] {
     let id = node.id.to_string();
     let Some(report) = &node.report else {
-        let mut row = [(); 12].map(|()| "-".to_owned());
+        let mut row = [(); 14].map(|()| "-".to_owned());
         row[0] = id;
         row[3] = "not in contact".to_owned();
         return row;
@@ -60,6 +63,8 @@ fn row(node: &NodeStatus) -> [String; 12] {
         format!("{}/{}", report.peers_seen, report.peers),
         age(report),
         clock(report),
+        report.links.to_string(),
+        format!("{:.0}/{:.0}", report.sent_per_s, report.received_per_s),
         if report.faults.is_empty() { "-".to_owned() } else { report.faults.len().to_string() },
         report.refused.to_string(),
         uptime(report.uptime_s),

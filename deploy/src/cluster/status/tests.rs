@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use skein_common::id::Incarnation;
-use skein_common::message::{ClockOffset, Drops, Failure, Header, Heartbeat, PeerHealth, Reason, Refused};
+use skein_common::message::{ClockOffset, Drops, Failure, Header, Heartbeat, PeerHealth, Reason, Refused, Traffic};
 use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
 
@@ -40,6 +40,9 @@ fn health(number: u8, ahead_s: f64) -> Health {
         refused: Vec::new(),
         state_messages: 1,
         state_bytes: 1,
+        links: 4,
+        sent: Traffic { messages: 7450, bytes: 745_080 },
+        received: Traffic { messages: 37_254, bytes: 2_980_320 },
         peers: VehicleId::first(4).filter(|other| other.get() != number).map(peer).collect(),
     }
 }
@@ -153,7 +156,7 @@ fn the_table_of_a_good_swarm_fits_the_screen() {
     assert!(status.is_good() && verdict(&status).is_ok());
     let text = table::of(&status, "cluster.toml");
     let lines: Vec<&str> = text.lines().collect();
-    assert_eq!(lines.len(), 10, "{text}");
+    assert_eq!(lines.len(), 11, "{text}");
     for heading in lines[0].split_whitespace().filter(|message| !["node", "ms"].contains(message)) {
         assert!(lines[5..].iter().any(|line| line.contains(heading)), "{heading}: {text}");
     }
@@ -170,6 +173,8 @@ fn the_table_of_a_good_swarm_fits_the_screen() {
         "400",
         "+0.0",
         "±0.4",
+        "4",
+        "2/10",
         "-",
         "0",
         "1:02:05",

@@ -2,17 +2,18 @@
 
 use std::collections::BTreeMap;
 
-use skein_common::message::{ClockAnswer, Event, Health, Heartbeat, Message, Order, State, Trace, VERSION};
+use skein_common::message::{ClockAnswer, Event, Health, Heartbeat, Intent, Message, Order, State, Trace, VERSION};
 use skein_common::topic::{TOPIC_DESCRIPTIONS, TopicDescription};
 
 use super::source::{Field, Item, items};
 use super::{head, row};
 
 /// Where the messages and their parts are defined.
-const SOURCES: [&str; 7] = [
+const SOURCES: [&str; 8] = [
     include_str!("../../../../common/src/message.rs"),
     include_str!("../../../../common/src/message/health.rs"),
     include_str!("../../../../common/src/message/trace.rs"),
+    include_str!("../../../../common/src/message/intent.rs"),
     include_str!("../../../../common/src/message/order.rs"),
     include_str!("../../../../common/src/message/clock.rs"),
     include_str!("../../../../common/src/state.rs"),
@@ -20,7 +21,7 @@ const SOURCES: [&str; 7] = [
 ];
 
 /// Types whose definition is not a struct with named fields, as they are encoded.
-const PLAIN: [(&str, &str); 13] = [
+const PLAIN: [(&str, &str); 14] = [
     ("VehicleId", "vehicle id (`u8`, 1 to 250)"),
     (
         "VehicleSet",
@@ -34,14 +35,16 @@ const PLAIN: [(&str, &str); 13] = [
     ("Signature", "64 bytes"),
     ("String", "text"),
     ("f64", "`f64`"),
+    ("f32", "`f32`"),
     ("u64", "`u64`"),
     ("u32", "`u32`"),
     ("u8", "`u8`"),
 ];
 
 /// The largest size of each message, bytes.
-const SIZES: [(&str, usize); 7] = [
+const SIZES: [(&str, usize); 8] = [
     ("State", State::MAX_BYTES),
+    ("Intent", Intent::MAX_BYTES),
     ("Heartbeat", Heartbeat::MAX_BYTES),
     ("Health", Health::MAX_BYTES),
     ("Event", Event::MAX_BYTES),
@@ -86,7 +89,9 @@ fn topics() -> String {
     format!(
         "Agents publish over Zenoh. The swarm's name (`swarm.name` in the scenario) is the namespace of all keys: the full key of \
          vehicle 3's health in the swarm `lab` is `lab/vehicle/3/health`. `N` is a vehicle's id, `ISSUER` a random number of the \
-         operator's process, and `X` and `Y` count squares of 1 km north and east from the origin. *Observers* are `skein fly`, \
+         operator's process, and `X` and `Y` count squares of 1 km north and east from the origin. In a \
+         fleet all keys of a team lie below `team/` and its number, and the squares count from the fleet's origin: an agent \
+         receives the states and intents in a square with the one key expression `lab/team/*/vehicle/*/cell/X/Y/*`. *Observers* are `skein fly`, \
          `skein record`, `skein order` and `skein cluster`.\n\n{}{rows}",
         head(&["key", "message", "sender", "receivers"])
     )

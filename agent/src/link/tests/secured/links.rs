@@ -124,7 +124,7 @@ fn errors_name_the_key_file_or_name_at_fault() {
     };
     assert!(error.is_user_error() && error.to_string().contains("no keys for secured links"), "{error}");
     let mut vehicles = good.vehicles.clone();
-    vehicles.insert(id(4), vehicles[&id(1)].clone());
+    vehicles.insert(id(4).into(), vehicles[&id(1).into()].clone());
     assert!(refused(Tls { vehicles, ..good.clone() }, here).contains("\"vehicle-1\" must name exactly one"));
     assert!(refused(Tls { observer: "vehicle-2".to_owned(), ..good.clone() }, here).contains("\"vehicle-2\" must"));
     let other = authority.key_file("vehicle-2");
@@ -133,8 +133,10 @@ fn errors_name_the_key_file_or_name_at_fault() {
         "the key of another certificate"
     );
 
-    let signing_key = |tls: Tls, own: u8| secured(tls).signing_key(id(own));
-    assert!(signing_key(good.clone(), 1).unwrap().is_some() && Security::Plain.signing_key(id(1)).unwrap().is_none());
+    let signing_key = |tls: Tls, own: u8| secured(tls).signing_key(id(own).into());
+    assert!(
+        signing_key(good.clone(), 1).unwrap().is_some() && Security::Plain.signing_key(id(1).into()).unwrap().is_none()
+    );
     let error = signing_key(good.clone(), 2).unwrap_err();
     assert!(
         error.is_user_error() && error.to_string().ends_with("the key that the swarm has for vehicle 2"),

@@ -84,7 +84,8 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
     }
 
     let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: None };
-    let order = signature::orders::sign(&swarm.authority.signing_key("operator"), &swarm.name, RUN, order);
+    let order =
+        signature::orders::sign(&swarm.authority.signing_key("operator"), &swarm.name, Branch::SWARM, RUN, order);
     for link in [&swarm.one, &swarm.two] {
         let give = || send(operator.first(), &Topic::Order(9).key(), &encode(&order));
         until(link, give, |received| message(received, |message| *message == PeerMessage::Order(order)));
@@ -156,7 +157,7 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
     let ask = || {
         for sender in [1, 3] {
             let receiver = late.receiver.clone();
-            queries::send_query(late.sessions.first(), Topic::Mission(id(sender)), &[], move |sample| {
+            queries::send_query(late.sessions.first(), Topic::Mission(id(sender)).key(), &[], move |sample| {
                 receiver.receive(sample, PeerMessage::Mission)
             });
         }

@@ -101,7 +101,7 @@ impl Sky {
     }
 
     /// What the vehicles of one team receive that are in these cells. `origin` is that of the team's frame, and `is_own`
-    /// tells which senders belong to the team.
+    /// states which senders belong to the team.
     pub(super) fn received(
         &self,
         origin: &Origin,

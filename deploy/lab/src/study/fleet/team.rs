@@ -46,6 +46,8 @@ pub(super) struct Team {
     received: Received,
     /// Beginning of the window; `None` before it, s.
     zero_s: Option<f64>,
+    /// Whether the team's mission has ended, and its figures with it.
+    is_over: bool,
     /// Events and faults of this round; `None` if the fleet is not recorded.
     noted: Option<Vec<(f64, NotedKind)>>,
     recorder: Option<TeamRecorder>,
@@ -131,6 +133,7 @@ impl Team {
             airborne: Airborne::new(id, origin),
             received: Received::default(),
             zero_s: None,
+            is_over: false,
             noted: recording.map(|_| Vec::new()),
             recorder,
         })
@@ -174,11 +177,19 @@ impl Team {
         }
         self.zero_s = zero_s;
         let Some(zero_s) = zero_s else { return };
+        let is_high = |truth: &GroundTruth| truth.height_m > AIRBORNE_ABOVE_M;
+        let in_the_air = self.world.all_vehicles().filter(|(_, _, truth, _)| is_high(truth));
+        self.airborne.add(in_the_air.map(|(id, _, truth, _)| (id, truth.position)));
         let t_s = self.world.t_s() - zero_s;
         if let Some(noted) = &mut self.noted {
             let events = self.world.events().iter().map(|(sender, what)| NotedKind::Event(*sender, *what));
             let faults = self.world.faults().iter().cloned().map(NotedKind::Fault);
             noted.extend(faults.chain(events).map(|what| (t_s, what)));
+        }
+        // As in a flight of one swarm, the team's figures end with its mission.
+        self.is_over |= self.metrics.t_s() > 0.0 && self.world.has_finished();
+        if self.is_over {
+            return;
         }
         if let Some(recorder) = &mut self.recorder {
             let is_due = recorder.ticks.is_multiple_of(recorder.every);
@@ -186,8 +197,6 @@ impl Team {
             recorder.ticks += 1;
         }
         measure(&self.world, zero_s, &mut self.metrics, &mut self.vehicles);
-        let in_the_air = self.vehicles.iter().filter(|one| one.truth.height_m > AIRBORNE_ABOVE_M);
-        self.airborne.add(in_the_air.map(|one| (one.id, one.truth.position)));
     }
 
     /// Notes the cells of the vehicles.

@@ -1,0 +1,49 @@
+//! Counts the messages of one agent.
+
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+use skein_common::message;
+
+/// Messages that an agent has sent and received, and their bytes without Zenoh's framing. A message that goes out on
+/// several links counts once.
+#[derive(Debug, Default)]
+pub(super) struct Traffic {
+    sent: Counter,
+    received: Counter,
+}
+
+/// Messages in one direction.
+#[derive(Debug, Default)]
+struct Counter {
+    messages: AtomicU64,
+    bytes: AtomicU64,
+}
+
+impl Counter {
+    fn count(&self) -> message::Traffic {
+        let (messages, bytes) = (self.messages.load(Relaxed), self.bytes.load(Relaxed));
+        message::Traffic { messages, bytes }
+    }
+
+    fn add(&self, bytes: usize) {
+        self.messages.fetch_add(1, Relaxed);
+        self.bytes.fetch_add(bytes as u64, Relaxed);
+    }
+}
+
+impl Traffic {
+    /// Counts a message of this size that was sent.
+    pub(super) fn sent(&self, bytes: usize) {
+        self.sent.add(bytes);
+    }
+
+    /// The messages sent and received so far.
+    pub(super) fn counts(&self) -> (message::Traffic, message::Traffic) {
+        (self.sent.count(), self.received.count())
+    }
+
+    /// Counts a message of this size that was received, whether it was accepted or not.
+    pub(super) fn received(&self, bytes: usize) {
+        self.received.add(bytes);
+    }
+}
