@@ -14,7 +14,6 @@
 
 mod control;
 mod log;
-mod neighbourhood;
 mod silence;
 mod timing;
 
@@ -42,8 +41,8 @@ use crate::link::{
 use crate::plant::xplane;
 use crate::unix;
 use control::Control;
-use neighbourhood::Neighbourhood;
 use skein_core::formation::UnsupportedScenario;
+use skein_core::neighbourhood::Neighbourhood;
 use skein_core::station::{Clocks, Station};
 use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
 use skein_host::external::ExternalError;

@@ -159,8 +159,13 @@ impl Intents {
         Some(Self { team, areas, known: Vec::new(), wanted_since: None, free_since: None, sent: None })
     }
 
-    /// Takes the intents received since the last step.
+    /// Takes the intents received since the last step. A vehicle that waits for no area needs none: each arrives again within
+    /// a second, sooner than an area counts as free.
     pub fn receive(&mut self, received: &[ReceivedIntent]) {
+        if self.wanted_since.is_none() {
+            self.known.clear();
+            return;
+        }
         for &intent in received {
             match self.known.binary_search_by_key(&intent.id, |known| known.id) {
                 Err(place) => self.known.insert(place, intent),

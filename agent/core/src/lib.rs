@@ -39,6 +39,7 @@ pub mod impairments;
 pub mod intent;
 mod lanes;
 pub mod mission;
+pub mod neighbourhood;
 pub mod outbox;
 pub mod peers;
 pub mod plant;

@@ -7,6 +7,7 @@ use skein_common::id::VehicleName;
 use skein_common::math;
 use skein_common::scenario::{Described, Loaded, Scenario, Target};
 use skein_common::topic::Cell;
+use skein_core::formation;
 
 /// Largest number of agents in a fleet that flies in real time: all of them may be linked with each other.
 pub const MAX_AGENTS: usize = 64;
@@ -76,8 +77,7 @@ impl Airspace {
         let mut at = [0.0; 2];
         add(at, scenario.start.square_m / 2.0);
         for step in &scenario.mission.steps {
-            let formation = &step.formation;
-            let around_m = formation.radius_m * (1.0 / formation.gamma).sqrt().max(1.0);
+            let around_m = formation::extent_m(&step.formation, scenario.swarm.vehicles);
             let points = match &step.target {
                 Target::Centre(point) => std::slice::from_ref(point),
                 Target::Path(points) => points,

@@ -5,20 +5,20 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Area, Drops, Event, Header, Health, Intent, PeerHealth, Reason, Refused, Trace, Traffic};
+use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused, Trace, Traffic};
 use skein_common::state::Activity;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_common::topic::Cell;
 use tokio::sync::mpsc;
 
 use super::Stop;
-use super::neighbourhood::Neighbourhood;
 use super::silence::SilenceMonitor;
 use super::timing::{Summary, Timing};
 use crate::external::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::Outputs;
 use skein_core::intent::ReceivedIntent;
+use skein_core::neighbourhood::Neighbourhood;
 use skein_core::outbox::Outbox;
 use skein_core::peers::Received;
 use skein_core::plant::{Frame, Plant, Wake};
@@ -160,7 +160,7 @@ impl Control {
     fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, kept: &mut LoopState) {
         let position = outbox.state.map(|state| self.origin.ned_from_geodetic(&state.state.position));
         let state = outbox.state.zip(position.map(Cell::of));
-        let intent = outbox.intent.map(|intent| (intent, self.cells_of(&intent)));
+        let intent = outbox.intent.map(|intent| (intent, intent.cells(&self.origin).collect()));
         let cells = position.and_then(|position| self.cells_around(position));
         let event = |what| {
             kept.events += 1;
@@ -173,20 +173,13 @@ impl Control {
         }
     }
 
-    /// The cells of the areas that an intent names.
-    fn cells_of(&self, intent: &Intent) -> Vec<Cell> {
-        let cell = |area: &Area| Cell::of(self.origin.ned_from_geodetic(&area.centre));
-        let occupied = cell(&intent.occupied);
-        let wanted = intent.wanted.as_ref().map(cell).filter(|wanted| *wanted != occupied);
-        [Some(occupied), wanted].into_iter().flatten().collect()
-    }
-
     /// The cells to subscribe to from here, if they have changed.
     fn cells_around(&mut self, position: PositionNed) -> Option<Vec<Cell>> {
-        let neighbourhood = self.neighbourhood.as_mut()?;
-        let centre = self.station.agent().centre_ne_m();
-        let centre = self.own_origin.geodetic_from_ned(PositionNed::new(centre.x, centre.y, 0.0));
-        neighbourhood.changed(position, self.origin.ned_from_geodetic(&centre))
+        let (neighbourhood, agent) = (self.neighbourhood.as_mut()?, self.station.agent());
+        let on_map = |place| self.origin.ned_from_geodetic(&self.own_origin.geodetic_from_ned(place));
+        let centre = agent.centre_ne_m();
+        let towards = on_map(PositionNed::new(centre.x, centre.y, 0.0));
+        neighbourhood.changed(position, towards, agent.wanted_area().map(on_map)).map(|homes| homes.cells())
     }
 
     /// The trace of this step, if it has a subscriber. Its timing is that of the previous step.

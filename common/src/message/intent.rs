@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Header, Message, message};
-use crate::frame::Geodetic;
-use crate::topic::{Author, Topic};
+use crate::frame::{Geodetic, Origin};
+use crate::topic::{Author, Cell, Topic};
 
 /// A circular area at one altitude.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,6 +34,16 @@ pub struct Intent {
     pub occupied: Area,
     /// The area of the next step, once this vehicle has completed its step and waits for that area; else `None`.
     pub wanted: Option<Area>,
+}
+
+impl Intent {
+    /// The cells under which the message is sent: those of its areas. `map` is the origin of the cells.
+    pub fn cells(&self, map: &Origin) -> impl Iterator<Item = Cell> {
+        let cell = |area: &Area| Cell::of(map.ned_from_geodetic(&area.centre));
+        let occupied = cell(&self.occupied);
+        let wanted = self.wanted.as_ref().map(cell).filter(|wanted| *wanted != occupied);
+        [Some(occupied), wanted].into_iter().flatten()
+    }
 }
 
 message!(Intent, 128, |message| Author::Vehicle(message.header.sender), |message| {

@@ -19,7 +19,7 @@ mod vehicle;
 use std::mem;
 use std::num::NonZeroUsize;
 
-use skein_common::frame::{Origin, PositionNed};
+use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
 use skein_common::message::{self, EventKind, Intent, Message, Trace};
 use skein_common::scenario::{ControlMode, Scenario};
@@ -220,11 +220,6 @@ impl World {
     /// The intents that the agents have sent in the last tick.
     pub(crate) fn intents(&self) -> &[Intent] {
         &self.intents
-    }
-
-    /// Centre of the area for which the team waits according to each vehicle, in the order of ids.
-    pub(crate) fn wanted_areas(&self) -> impl Iterator<Item = Option<PositionNed>> {
-        self.vehicles.iter().map(|vehicle| vehicle.agent()?.wanted_area())
     }
 
     /// Hands intents of other teams to the agent of the vehicle at this place, which receives them in the next tick.

@@ -154,14 +154,14 @@ impl FleetFlight {
             at_once(teams.chunks_mut(share).map(|teams| {
                 move || {
                     for team in teams {
-                        team.receive(sky, origin);
+                        team.receive(sky);
                         (0..ROUND_TICKS).for_each(|_| team.tick(origin, zero_s));
                         team.end_round(origin);
                     }
                 }
             }));
         }
-        let places: Vec<_> = teams.iter().flat_map(|team| team.cells().iter().copied()).collect();
+        let places: Vec<_> = teams.iter().flat_map(Team::cells).collect();
         sky.exchange(teams.iter_mut().map(Team::sent), places.into_iter());
         if let Some(recorder) = &mut self.recorder {
             let with_places = (self.ticks / ROUND_TICKS).is_multiple_of(self.record_rounds);

@@ -1,5 +1,4 @@
-//! The air that the teams of a fleet share: each state reaches the vehicles of other teams in its own cell of the map and
-//! the eight around it.
+//! The air that the teams of a fleet share: each state reaches the vehicles of other teams that receive from its cell.
 //!
 //! The teams fly a round of a few frames each by itself, and then exchange the states of that round. So a state from
 //! another team is under way until the round ends, or for `network.delay_s` if that is longer.
@@ -8,10 +7,11 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 use skein_common::frame::{Geodetic, Origin, VelocityNed};
 use skein_common::id::{FleetVehicle, TeamId};
-use skein_common::message::{Area, Intent, MessageOrder};
+use skein_common::message::{Intent, MessageOrder};
 use skein_common::time::LocalTime;
 use skein_common::topic::Cell;
 use skein_core::intent::ReceivedIntent;
+use skein_core::neighbourhood::Homes;
 use skein_core::peers::ReceivedState;
 use skein_core::strangers::StrangerState;
 
@@ -55,23 +55,22 @@ impl Sent {
 
     /// Adds a team's intent, as [`Self::add`] adds a state: it is sent in the cell of each of its areas.
     pub(super) fn add_intent(&mut self, map: &Origin, team: TeamId, intent: &Intent, at: LocalTime) {
-        let cell = |area: &Area| Cell::of(map.ned_from_geodetic(&area.centre));
-        let occupied = cell(&intent.occupied);
-        let wanted = intent.wanted.as_ref().map(cell).filter(|wanted| *wanted != occupied);
-        self.intents.extend([Some(occupied), wanted].into_iter().flatten().map(|cell| (cell, (team, *intent, at))));
+        self.intents.extend(intent.cells(map).map(|cell| (cell, (team, *intent, at))));
     }
 }
 
-/// What the vehicles of a team receive of other teams in a round: those in one cell receive the same.
+/// What the vehicles of a team receive of other teams in a round: those with the same cells receive the same.
 #[derive(Debug, Default)]
 pub(super) struct FromOthers {
-    /// The states that the vehicles in each of the team's cells receive.
+    /// The states that the vehicles of each group receive.
     pub(super) groups: Vec<Vec<StrangerState>>,
     /// The group of each vehicle.
     pub(super) group_of: Vec<usize>,
     /// Size of the messages of each group, bytes.
     pub(super) bytes: Vec<u64>,
-    /// Whether a vehicle is in each of the nine cells of each group.
+    /// The intents that the vehicles of each group receive; a vehicle that waits for no area needs none.
+    pub(super) intents: Vec<Vec<ReceivedIntent>>,
+    /// Whether a vehicle is in each of the nine cells around each group.
     pub(super) is_surrounded: Vec<bool>,
 }
 
@@ -93,48 +92,48 @@ impl Sky {
         }
     }
 
-    /// The intents of other teams that are sent in the nine cells around this one. `origin` is that of the team's frame.
-    pub(super) fn intents_around(&self, origin: &Origin, cell: Cell, own: TeamId) -> Vec<ReceivedIntent> {
-        let around = cell.with_neighbours().flat_map(|cell| self.intents.get(&cell).into_iter().flatten());
-        let others = around.filter(|(team, ..)| *team != own);
-        others.map(|(team, intent, at)| ReceivedIntent::new(*team, intent, origin, *at)).collect()
-    }
-
-    /// What the vehicles of one team receive that are in these cells. `origin` is that of the team's frame, and `is_own`
-    /// states which senders belong to the team.
-    pub(super) fn received(
-        &self,
-        origin: &Origin,
-        cells: &[Cell],
-        is_own: impl Fn(FleetVehicle) -> bool,
-    ) -> FromOthers {
-        let mut distinct: Vec<Cell> = Vec::new();
+    /// What the vehicles of a team receive that have these cells. `origin` is that of the team's frame.
+    pub(super) fn received(&self, origin: &Origin, homes: &[Homes], own: TeamId) -> FromOthers {
+        let mut distinct: Vec<Homes> = Vec::new();
         let mut from_others = FromOthers::default();
-        for cell in cells {
-            let known = distinct.iter().position(|known| known == cell);
+        for homes in homes {
+            let known = distinct.iter().position(|known| known == homes);
             from_others.group_of.push(known.unwrap_or(distinct.len()));
             if known.is_none() {
-                distinct.push(*cell);
-                from_others.groups.push(Vec::new());
-                from_others.bytes.push(0);
-                let is_surrounded = cell.with_neighbours().all(|cell| self.occupied.contains(&cell));
-                from_others.is_surrounded.push(is_surrounded);
+                distinct.push(*homes);
             }
         }
-        let around: BTreeSet<(i32, i32)> =
-            distinct.iter().flat_map(|cell| cell.with_neighbours()).map(|cell| (cell.x, cell.y)).collect();
-        for (x, y) in around {
-            let is_near = |cell: &Cell| cell.x.abs_diff(x) <= 1 && cell.y.abs_diff(y) <= 1;
-            for sent in self.cells.get(&Cell { x, y }).into_iter().flatten().filter(|sent| !is_own(sent.id)) {
+        // A state is converted once, whatever the number of groups that receive it.
+        let cells: Vec<Vec<Cell>> = distinct.iter().map(Homes::cells).collect();
+        let all: BTreeSet<Cell> = cells.iter().flatten().copied().collect();
+        from_others.groups.resize_with(distinct.len(), Vec::new);
+        from_others.bytes.resize(distinct.len(), 0);
+        for cell in all {
+            let receiving: Vec<usize> =
+                (0..distinct.len()).filter(|&group| cells[group].binary_search(&cell).is_ok()).collect();
+            for sent in self.cells.get(&cell).into_iter().flatten().filter(|sent| sent.id.team != own) {
                 let InAir { id, order, position, velocity, at, bytes } = *sent;
                 let position = origin.ned_from_geodetic(&position);
                 let state = StrangerState { id, order, position, velocity, at };
-                for group in (0..distinct.len()).filter(|&group| is_near(&distinct[group])) {
+                for &group in &receiving {
                     from_others.groups[group].push(state);
                     from_others.bytes[group] += u64::from(bytes);
                 }
             }
         }
+        from_others.intents = distinct
+            .iter()
+            .zip(&cells)
+            .map(|(homes, cells)| {
+                let wanted = if homes.wanted.is_some() { cells.as_slice() } else { &[] };
+                let sent = wanted.iter().flat_map(|cell| self.intents.get(cell).into_iter().flatten());
+                let others = sent.filter(|(team, ..)| *team != own);
+                others.map(|(team, intent, at)| ReceivedIntent::new(*team, intent, origin, *at)).collect()
+            })
+            .collect();
+        let is_occupied = |cell: Cell| self.occupied.contains(&cell);
+        from_others.is_surrounded =
+            distinct.iter().map(|homes| homes.here.with_neighbours().all(is_occupied)).collect();
         from_others
     }
 }
@@ -144,6 +143,10 @@ mod tests {
     use skein_common::frame::PositionNed;
 
     use super::*;
+
+    fn at_home(cell: Cell) -> Homes {
+        Homes { here: cell, ahead: cell, wanted: None }
+    }
 
     fn sent(states: Vec<(Cell, InAir)>) -> Sent {
         Sent { states, ..Sent::default() }
@@ -164,8 +167,7 @@ mod tests {
         let mut second = sent(vec![in_air("2/1", 1990.0), in_air("2/2", 3100.0)]);
         let mut sky = Sky::default();
         sky.exchange([&mut first, &mut second].into_iter(), [].into_iter());
-        let team_1 =
-            sky.received(&map, &[Cell { x: 0, y: 0 }, Cell { x: 2, y: 0 }], |from| from.team == id("1/1").team);
+        let team_1 = sky.received(&map, &[0, 2].map(|x| at_home(Cell { x, y: 0 })), id("1/1").team);
         let names = |nth: usize| -> Vec<String> {
             team_1.groups[team_1.group_of[nth]].iter().map(|state| state.id.to_string()).collect()
         };
@@ -174,7 +176,10 @@ mod tests {
         assert!((team_1.groups[0][0].position.north_m() - 1990.0).abs() < 1e-3, "{:?}", team_1.groups[0]);
         assert_eq!((&team_1.bytes[..], &team_1.is_surrounded[..]), (&[70, 140][..], &[false, false][..]));
         sky.exchange([&mut first, &mut second].into_iter(), [].into_iter());
-        assert!(sky.received(&map, &[Cell { x: 0, y: 0 }], |_| false).groups[0].is_empty(), "a round is received once");
+        assert!(
+            sky.received(&map, &[at_home(Cell { x: 0, y: 0 })], TeamId::FIRST).groups[0].is_empty(),
+            "a round is received once"
+        );
     }
 
     #[test]
@@ -191,7 +196,7 @@ mod tests {
         };
         let mut sent = sent((-1..=1).flat_map(|x| (-1..=1).map(move |y| (x, y))).map(|(x, y)| state(x, y)).collect());
         sky.exchange([&mut sent].into_iter(), (-1..=1).flat_map(|x| (-1..=1).map(move |y| Cell { x, y })));
-        let received = sky.received(&map, &[0, 1, 0].map(|x| Cell { x, y: 0 }), |_| false);
+        let received = sky.received(&map, &[0, 1, 0].map(|x| at_home(Cell { x, y: 0 })), TeamId::FIRST);
         assert_eq!((&received.group_of[..], &received.is_surrounded[..]), (&[0, 1, 0][..], &[true, false][..]));
         assert_eq!(received.groups.iter().map(Vec::len).collect::<Vec<_>>(), [9, 6]);
     }

@@ -5,13 +5,14 @@ use std::io::BufWriter;
 use std::ops::Range;
 use std::path::Path;
 
-use skein_common::frame::Origin;
+use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{FleetVehicle, TeamId, VehicleId};
 use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
 use skein_common::topic::Cell;
 use skein_core::agent::Agent;
 use skein_core::helicopter::TICK_S;
 use skein_core::impairments::lasting;
+use skein_core::neighbourhood::{Homes, Neighbourhood};
 use skein_core::plant::GroundTruth;
 
 use super::super::flight::show;
@@ -40,8 +41,9 @@ pub(super) struct Team {
     vehicles: Vec<VehicleNow>,
     blocks: Blocks,
     sent: Sent,
-    /// The cell of each vehicle at the end of the last round.
-    cells: Vec<Cell>,
+    neighbourhoods: Vec<Neighbourhood>,
+    /// The cells of each vehicle at the end of the last round.
+    homes: Vec<Homes>,
     airborne: Airborne,
     received: Received,
     /// Beginning of the window; `None` before it, s.
@@ -129,7 +131,8 @@ impl Team {
             vehicles: Vec::with_capacity(scenario.swarm.vehicles),
             blocks: Blocks::default(),
             sent: Sent::default(),
-            cells: Vec::new(),
+            neighbourhoods: Vec::new(),
+            homes: Vec::new(),
             airborne: Airborne::new(id, origin),
             received: Received::default(),
             zero_s: None,
@@ -139,28 +142,25 @@ impl Team {
         })
     }
 
-    /// Hands over what the other teams sent in the last round. `fleet` is the origin of the cells.
-    pub(super) fn receive(&mut self, sky: &Sky, fleet: &Origin) {
+    /// Hands over what the other teams sent in the last round.
+    pub(super) fn receive(&mut self, sky: &Sky) {
         self.airborne.clear();
         if self.is_isolated(false) {
             return;
         }
-        let own = self.id;
-        let from_others = sky.received(&self.origin, &self.cells, |id| id.team == own);
-        for &group in &from_others.group_of {
+        let from_others = sky.received(&self.origin, &self.homes, self.id);
+        for (nth, &group) in from_others.group_of.iter().enumerate() {
             let (states, bytes) = (from_others.groups[group].len() as u64, from_others.bytes[group]);
             self.received.states += states;
             if from_others.is_surrounded[group] {
                 let (rounds, all, all_bytes) = &mut self.received.surrounded;
                 (*rounds, *all, *all_bytes) = (*rounds + 1, *all + states, *all_bytes + bytes);
             }
+            if !from_others.intents[group].is_empty() {
+                self.world.receive_intents(nth, from_others.intents[group].clone());
+            }
         }
         self.world.receive_strangers(from_others.groups, &from_others.group_of);
-        let in_fleet = |place| Cell::of(fleet.ned_from_geodetic(&self.origin.geodetic_from_ned(place)));
-        let wanted: Vec<Option<Cell>> = self.world.wanted_areas().map(|place| place.map(in_fleet)).collect();
-        for (nth, cell) in wanted.into_iter().enumerate().filter_map(|(nth, cell)| Some((nth, cell?))) {
-            self.world.receive_intents(nth, sky.intents_around(&self.origin, cell, own));
-        }
     }
 
     /// Flies one frame and measures it. `fleet` is the origin of the cells, `zero_s` the beginning of the window.
@@ -199,15 +199,19 @@ impl Team {
         measure(&self.world, zero_s, &mut self.metrics, &mut self.vehicles);
     }
 
-    /// Notes the cells of the vehicles.
+    /// Looks up the cells of the vehicles, by their agents' own estimates; without an estimate a vehicle is where it is.
+    /// `fleet` is the origin of the cells.
     pub(super) fn end_round(&mut self, fleet: &Origin) {
-        let Self { origin, world, cells, .. } = self;
-        cells.clear();
-        cells.extend(
-            world
-                .all_vehicles()
-                .map(|(_, _, truth, _)| Cell::of(fleet.ned_from_geodetic(&origin.geodetic_from_ned(truth.position)))),
-        );
+        let Self { origin, world, neighbourhoods, homes, .. } = self;
+        let on_map = |place| fleet.ned_from_geodetic(&origin.geodetic_from_ned(place));
+        neighbourhoods.resize_with(world.vehicle_count(), Neighbourhood::default);
+        homes.clear();
+        for ((_, agent, truth, _), neighbourhood) in world.all_vehicles().zip(neighbourhoods) {
+            let here = on_map(agent.and_then(Agent::position).unwrap_or(truth.position));
+            let centre = agent.map(Agent::centre_ne_m).map(|centre| on_map(PositionNed::new(centre.x, centre.y, 0.0)));
+            neighbourhood.changed(here, centre.unwrap_or(here), agent.and_then(Agent::wanted_area).map(on_map));
+            homes.extend(neighbourhood.homes());
+        }
     }
 
     /// Records the events and faults of the round, and where the vehicles are now. `fleet` is the origin of the fleet's frame.
@@ -263,8 +267,9 @@ impl Team {
         &mut self.sent
     }
 
-    pub(super) fn cells(&self) -> &[Cell] {
-        &self.cells
+    /// The cells in which the vehicles are.
+    pub(super) fn cells(&self) -> impl Iterator<Item = Cell> {
+        self.homes.iter().map(|homes| homes.here)
     }
 
     pub(super) fn airborne(&self) -> &Airborne {
