@@ -4,8 +4,9 @@
 use std::num::NonZeroUsize;
 
 use skein_common::id::TeamId;
+use skein_lab::metrics::FleetReport;
 use skein_lab::record::{self, TeamPlaces};
-use skein_lab::study::{FleetRecording, FleetReport};
+use skein_lab::study::FleetRecording;
 use skein_tests::fleet;
 
 fn fly(text: &str, threads: usize) -> FleetReport {

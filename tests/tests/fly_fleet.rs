@@ -91,9 +91,12 @@ fn two_teams_fly_through_each_other_and_land() {
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{stderr}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(report["across_collisions"], 0, "{report}");
+    assert_eq!(report["across_collisions"], 0.0, "{report}");
     assert!(report["across_separation_m"].as_f64().unwrap() > 2.0, "{report}");
-    assert_eq!(report["teams"].as_array().unwrap().len(), 2);
+    assert_eq!((&report["teams"], &report["vehicles"], &report["target"]), (&2.0.into(), &4.into(), &"fly".into()));
+    let teams = fs::read_to_string(fleet.folder.path().join("out/teams.csv")).unwrap();
+    let first_cells: Vec<_> = teams.lines().map(|line| line.split(',').next().unwrap()).collect();
+    assert_eq!(first_cells, ["team", "1", "2"]);
     for team in ["team-1", "team-2"] {
         assert!(fleet.folder.path().join("out").join(team).join("run.mcap").exists());
     }

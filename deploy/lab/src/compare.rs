@@ -32,7 +32,7 @@ use skein_common::scenario::nearest_of;
 
 use crate::error::Error;
 use crate::metrics::figures;
-use crate::study::is_worse;
+use crate::metrics::is_worse;
 use crate::terminal::json;
 use crate::terminal::say;
 use folder::Folder;

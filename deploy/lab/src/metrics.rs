@@ -44,10 +44,13 @@
 //!   damage is not modelled.
 //! * Otherwise `null` means that a figure does not apply to this run.
 
+pub mod across;
 mod crashes;
 pub mod figures;
+mod fleet;
 mod flock;
 mod graph;
+mod measured;
 mod membership;
 mod mission;
 mod report;
@@ -69,8 +72,10 @@ use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Target, Verti
 use crate::faults::InjectedFault;
 use crashes::Crashes;
 pub use figures::{Direction, WALL_CLOCK_KEYS};
+pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};
 use flock::{Alignment, Following};
 use graph::Graph;
+pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 use membership::Membership;
 use mission::Steps;
 pub use report::{Report, Run, VehicleReport, Wall};

@@ -6,7 +6,6 @@
 mod command;
 mod fleet;
 mod flight;
-mod measured;
 pub mod plan;
 mod progress;
 mod recorded;
@@ -28,9 +27,8 @@ use crate::metrics::{Metrics, Report, VehicleNow};
 use crate::recording::Watch;
 use crate::world::{World, WorldError};
 pub use command::{StudyArgs, run};
-pub use fleet::{FleetRecording, FleetReport, FleetStudy, OverTeams, over_teams};
+pub use fleet::{FleetRecording, FleetStudy};
 use flight::{SeedFlight, fly_side_by_side};
-pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 pub use recorded::{RecordRunError, record_run};
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;

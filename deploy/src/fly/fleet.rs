@@ -1,13 +1,12 @@
 //! One flight, or those of all teams of a fleet side by side: they share this process, the terminal and the air.
 
-use std::collections::BTreeSet;
-use std::fs;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
-use skein_common::frame::{Origin, PositionNed};
-use skein_common::id::{FleetVehicle, TeamId};
-use skein_common::scenario::Scenario;
+use skein_common::frame::Origin;
+use skein_common::id::TeamId;
+use skein_common::scenario::{Scenario, TeamInFleet};
 
 use super::flight::{Flight, FlightResult};
 use super::launch::{Site, prepare_site};
@@ -18,7 +17,9 @@ use crate::endpoints::EndpointsFile;
 use crate::os::Interrupts;
 use skein_host::clock;
 use skein_lab::error::Error;
-use skein_lab::metrics::{COLLISION_M, Report};
+use skein_lab::metrics::across::{Across, Airborne};
+use skein_lab::metrics::{FleetReport, Report, Run, Wall};
+use skein_lab::study::plan::write;
 
 /// Between two looks at the swarms: the metrics want fifty a second.
 const TICK: Duration = Duration::from_millis(20);
@@ -31,8 +32,8 @@ pub struct Flights {
     /// The last picture of those that are over.
     statuses: Vec<FlightStatus>,
     /// `None` for a swarm that flies alone.
-    across: Option<Across>,
-    out: std::path::PathBuf,
+    separations: Option<Separations>,
+    out: PathBuf,
     screen: Screen,
     interrupts: Interrupts,
     json: bool,
@@ -48,11 +49,13 @@ impl Flights {
     pub fn begin(plans: Plans, interrupts: Interrupts, gather_within: Duration, json: bool) -> Result<Self, Error> {
         let Plans { described, out, plans } = plans;
         let Site { endpoints, file } = prepare_site(&described, &out)?;
-        let across = described.first().scenario.team.map(|team| Across::new(Origin::new(team.origin.geodetic())));
+        let scenarios = || described.all().iter().map(|team| &team.scenario);
+        let of_fleet = |team: TeamInFleet| Separations::new(Origin::new(team.origin.geodetic()), scenarios());
+        let separations = described.first().scenario.team.map(of_fleet);
         let begin = |plan| Flight::begin(plan, &described, &endpoints, gather_within);
         let running = plans.into_iter().map(begin).collect::<Result<Vec<_>, _>>()?;
         let screen = Screen::open(json);
-        Ok(Self { running, over: Vec::new(), statuses: Vec::new(), across, out, screen, interrupts, json, file })
+        Ok(Self { running, over: Vec::new(), statuses: Vec::new(), separations, out, screen, interrupts, json, file })
     }
 
     /// Flies all of them to the end.
@@ -69,8 +72,8 @@ impl Flights {
             let asked = self.interrupts.count();
             let over: Vec<usize> =
                 (0..self.running.len()).filter(|nth| self.running[*nth].advance(now, asked)).collect();
-            if let Some(across) = &mut self.across {
-                across.observe(&self.running, now);
+            if let Some(separations) = &mut self.separations {
+                separations.observe(&self.running, now);
             }
             if over.len() == self.running.len() {
                 break;
@@ -91,7 +94,7 @@ impl Flights {
             clock::sleep(next.saturating_duration_since(clock::now()));
         }
         self.draw(clock::now(), true);
-        let Self { running, mut over, across, screen, json, file, out, .. } = self;
+        let Self { running, mut over, separations, screen, json, file, out, .. } = self;
         over.extend(running.into_iter().map(Flight::end));
         over.sort_by_key(|result| result.plan.scenario().team.map(|team| team.id));
         // The terminal is restored before anything is written to it.
@@ -103,15 +106,14 @@ impl Flights {
             let notes = shown(result.plan.scenario(), result.notes.clone());
             notes.iter().for_each(|note| skein_lab::terminal::complain(note));
         }
-        match &across {
+        match &separations {
             None => over.iter().for_each(|result| say(result, json)),
-            Some(across) => {
-                let report = FleetReport::new(&over, across);
-                let path = out.join("metrics.json");
-                fs::write(&path, skein_lab::terminal::json(&report))
-                    .map_err(|error| Error::Failed(format!("{}: {error}", path.display())))?;
-                let text = if json { skein_lab::terminal::json(&report) } else { report.text(&out) };
-                skein_lab::terminal::say(&text);
+            Some(separations) => {
+                let report = report(&over, &separations.across);
+                let json_text = skein_lab::terminal::json(&report);
+                write(&out.join("teams.csv"), &report.teams_csv())?;
+                write(&out.join("metrics.json"), &json_text)?;
+                skein_lab::terminal::say(&if json { json_text } else { text(&over, &report, &out) });
             }
         }
         let failures = over.iter().filter_map(|result| Some((result.plan.scenario(), result.verdict().err()?)));
@@ -132,7 +134,7 @@ impl Flights {
     /// All flights as people look at them.
     fn status(&self, now: Instant) -> FlightStatus {
         let mut statuses: Vec<_> = self.running.iter().map(|flight| flight.status(now)).collect();
-        if self.across.is_none() && statuses.len() == 1 {
+        if self.separations.is_none() && statuses.len() == 1 {
             return statuses.remove(0);
         }
         statuses.extend(self.statuses.iter().cloned());
@@ -153,113 +155,86 @@ fn say(result: &FlightResult, json: bool) {
 
 /// The separations of vehicles of different teams, both in the air.
 #[derive(Debug)]
-struct Across {
-    /// Origin of the fleet's frame.
-    fleet: Origin,
-    /// Least distance so far, m, and the two vehicles.
-    nearest: Option<(f64, FleetVehicle, FleetVehicle)>,
-    collided: BTreeSet<(FleetVehicle, FleetVehicle)>,
+struct Separations {
+    across: Across,
+    /// The vehicles of each team that are in the air now.
+    airborne: BTreeMap<TeamId, Airborne>,
+    /// When the first vehicle was in the air.
+    since: Option<Instant>,
 }
 
-impl Across {
-    fn new(fleet: Origin) -> Self {
-        Self { fleet, nearest: None, collided: BTreeSet::new() }
+impl Separations {
+    /// None yet of these teams. `fleet` is the origin of the fleet's frame.
+    fn new<'a>(fleet: Origin, teams: impl Iterator<Item = &'a Scenario>) -> Self {
+        let airborne = |scenario: &Scenario| {
+            let team = scenario.team?.id;
+            Some((team, Airborne::new(team, Origin::new(scenario.origin.geodetic()))))
+        };
+        Self { across: Across::new(fleet), airborne: teams.filter_map(airborne).collect(), since: None }
     }
 
-    /// Observes the newest positions in all flights.
+    /// Observes the newest positions in all flights that are not over.
     fn observe(&mut self, flights: &[Flight], now: Instant) {
-        let mut airborne: Vec<(FleetVehicle, PositionNed)> = Vec::new();
+        self.airborne.values_mut().for_each(Airborne::clear);
         for flight in flights {
-            let Some(team) = flight.scenario().team else { continue };
-            let origin = Origin::new(flight.scenario().origin.geodetic());
-            let before = airborne.len();
-            for (vehicle, position) in flight.airborne(now) {
-                let position = self.fleet.ned_from_geodetic(&origin.geodetic_from_ned(position));
-                airborne.push((FleetVehicle { team: team.id, vehicle }, position));
+            let team = flight.scenario().team.and_then(|team| self.airborne.get_mut(&team.id));
+            let Some(airborne) = team else { continue };
+            let mut vehicles = flight.airborne(now).peekable();
+            if vehicles.peek().is_some() {
+                self.since.get_or_insert(now);
             }
-            let (others, own) = airborne.split_at(before);
-            for (id, position) in own {
-                for (other, other_position) in others {
-                    self.compare((*other, *id), (*position - *other_position).norm());
-                }
-            }
+            airborne.add(self.since.map_or(0.0, |since| (now - since).as_secs_f64()), vehicles);
         }
-    }
-
-    fn compare(&mut self, pair: (FleetVehicle, FleetVehicle), apart_m: f64) {
-        if apart_m < COLLISION_M {
-            self.collided.insert(pair);
-        }
-        if self.nearest.is_none_or(|(least_m, ..)| apart_m < least_m) {
-            self.nearest = Some((apart_m, pair.0, pair.1));
-        }
+        self.across.observe(&self.airborne.values().collect::<Vec<_>>());
     }
 }
 
-/// What a live flight of a fleet has measured.
-#[derive(Debug, Serialize)]
-struct FleetReport {
-    /// Least distance of two vehicles of different teams in the air, m.
-    across_separation_m: Option<f64>,
-    /// Number of pairs of vehicles of different teams that collided.
-    across_collisions: usize,
-    /// The two that came nearest.
-    nearest: Option<String>,
-    /// The figures of each team.
-    teams: Vec<TeamReport>,
+/// The figures of these flights as those of one fleet.
+fn report(over: &[FlightResult], across: &Across) -> FleetReport {
+    let flown = |result: &'_ FlightResult| Some((result.plan.scenario().team?.id, result.report.clone()?));
+    let reports: Vec<(TeamId, Report)> = over.iter().filter_map(flown).collect();
+    let seed = over.first().and_then(|result| result.plan.scenario().team).map_or(0, |team| team.seed);
+    let run = Run::of_fleet(over.iter().map(|result| result.plan.scenario()), seed, "fly");
+    let of_all = |figure: fn(&Report) -> f64| reports.iter().map(move |(_, report)| figure(report));
+    let wall = Wall {
+        wall_s: of_all(|report| report.wall_s).fold(0.0, f64::max),
+        real_time_factor: of_all(|report| report.real_time_factor).fold(f64::INFINITY, f64::min),
+    };
+    let teams: Vec<_> = reports.iter().map(|(team, report)| (*team, report)).collect();
+    FleetReport::new(run, &teams, across, None, wall)
 }
 
-/// The figures of one team.
-#[derive(Debug, Serialize)]
-struct TeamReport {
-    team: TeamId,
-    #[serde(flatten)]
-    report: Option<Report>,
-}
-
-impl FleetReport {
-    fn new(over: &[FlightResult], across: &Across) -> Self {
-        let team = |result: &FlightResult| {
-            let team = result.plan.scenario().team?.id;
-            Some(TeamReport { team, report: result.report.clone() })
+/// The figures that a reader looks for first: a line for each team, and those across teams.
+fn text(over: &[FlightResult], report: &FleetReport, out: &Path) -> String {
+    let figure = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
+    let titles = ["team", "flown s", "rms m", "least m", "collisions", "crashes", "step p99 µs", "late frames"];
+    let line = |cells: [String; 8]| {
+        let cells = cells.iter().zip(titles).map(|(cell, title)| format!("{cell:>0$}", title.chars().count().max(8)));
+        cells.collect::<Vec<_>>().join("  ") + "\n"
+    };
+    let mut text = line(titles.map(str::to_owned));
+    for result in over {
+        let team = result.plan.scenario().team.map(|team| team.id.to_string()).unwrap_or_default();
+        let Some(report) = &result.report else {
+            text += &format!("{team:>8}  no flight\n");
+            continue;
         };
-        Self {
-            across_separation_m: across.nearest.map(|(least_m, ..)| least_m),
-            across_collisions: across.collided.len(),
-            nearest: across.nearest.map(|(_, one, other)| format!("{one} and {other}")),
-            teams: over.iter().filter_map(team).collect(),
-        }
+        text += &line([
+            team,
+            figure(Some(report.duration_s)),
+            figure(report.radial_rms_m),
+            figure(report.min_separation_m),
+            report.collisions.to_string(),
+            report.crashes.to_string(),
+            figure(report.step_p99_us),
+            report.frame_overruns.map_or_else(|| "-".to_owned(), |late| late.to_string()),
+        ]);
     }
-
-    /// The figures that a reader looks for first: a line for each team, and those across teams.
-    fn text(&self, out: &std::path::Path) -> String {
-        let figure = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
-        let titles = ["team", "flown s", "rms m", "least m", "collisions", "crashes", "step p99 µs", "late frames"];
-        let line = |cells: [String; 8]| {
-            let cells =
-                cells.iter().zip(titles).map(|(cell, title)| format!("{cell:>0$}", title.chars().count().max(8)));
-            cells.collect::<Vec<_>>().join("  ") + "\n"
-        };
-        let mut text = line(titles.map(str::to_owned));
-        for TeamReport { team, report } in &self.teams {
-            let Some(report) = report else {
-                text += &format!("{team:>8}  no flight\n");
-                continue;
-            };
-            text += &line([
-                team.to_string(),
-                figure(Some(report.duration_s)),
-                figure(report.radial_rms_m),
-                figure(report.min_separation_m),
-                report.collisions.to_string(),
-                report.crashes.to_string(),
-                figure(report.step_p99_us),
-                report.frame_overruns.map_or_else(|| "-".to_owned(), |late| late.to_string()),
-            ]);
-        }
-        text += &format!("\nleast separation across teams  {} m", figure(self.across_separation_m));
-        text += &self.nearest.as_ref().map(|pair| format!(" ({pair})")).unwrap_or_default();
-        text += &format!("\ncollisions across teams        {}\n", self.across_collisions);
-        text + &format!("files                          {}\n", out.display())
-    }
+    let fleet = report.measured();
+    let of_fleet = |key: &str| fleet.figures.get(key).copied().flatten();
+    text += &format!("\nleast separation across teams  {} m", figure(of_fleet("across_separation_m")));
+    text += &fleet.texts.get("nearest_across").map(|pair| format!(" ({pair})")).unwrap_or_default();
+    let collisions = of_fleet("across_collisions").unwrap_or_default();
+    text += &format!("\ncollisions across teams        {collisions:.0}\n");
+    text + &format!("files                          {}\n", out.display())
 }

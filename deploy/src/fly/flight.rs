@@ -45,7 +45,7 @@ use figures::summary;
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::faults::Schedule;
-use skein_lab::metrics::{Metrics, Report, Run, Totals};
+use skein_lab::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, Totals};
 use skein_lab::record::{self, RecordingInfo};
 
 /// The last known state of a vehicle silent for this long is out of date.
@@ -58,9 +58,6 @@ const GIVEN_UP: Duration = Duration::from_secs(60);
 const END: Duration = Duration::from_secs(15);
 /// Above this height a vehicle has left the ground, m.
 const LIFTED_M: f64 = 0.5;
-
-/// Vehicles count as near each other above this height, m.
-const AIRBORNE_M: f64 = 2.0;
 
 /// The screen has room for no more events.
 const MAX_EVENTS: usize = 200;
@@ -436,7 +433,7 @@ impl Flight {
     pub fn airborne(&self, now: Instant) -> impl Iterator<Item = (VehicleId, PositionNed)> {
         let flies = self.stage == Stage::Flying;
         let steps = self.observer.vehicles().values().filter_map(move |seen| fresh(seen, now).filter(|_| flies));
-        let up = steps.filter(|step| step.height_m > AIRBORNE_M && self.ground.lives(step));
+        let up = steps.filter(|step| step.height_m > AIRBORNE_ABOVE_M && self.ground.lives(step));
         up.map(|step| (step.header.sender, step.position))
     }
 

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
+use skein_lab::metrics::worst_and_median;
 use skein_lab::record::{FILE, read};
-use skein_lab::study::worst_and_median;
 
 use super::PROGRAM;
 

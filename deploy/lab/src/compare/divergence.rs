@@ -8,7 +8,8 @@ use skein_common::statistics::median;
 use super::folder::Folder;
 use super::pairs::Paired;
 use super::statistics::difference;
-use crate::study::{Outcome, rounded};
+use crate::metrics::Outcome;
+use crate::study::rounded;
 
 /// Two targets or plants.
 #[derive(Clone, Debug, Serialize)]

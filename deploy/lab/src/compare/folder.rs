@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use toml::Value as Toml;
 
 use crate::error::Error;
-use crate::study::Measured;
+use crate::metrics::Measured;
 
 /// One run as it lies there.
 #[derive(Clone, Debug)]

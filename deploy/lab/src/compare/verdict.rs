@@ -6,8 +6,8 @@ use skein_common::statistics::median;
 use super::pairs::Pair;
 use super::statistics::{ALPHA, Estimate, difference, estimate, notable, sign_test};
 use crate::metrics::Direction;
+use crate::metrics::Outcome;
 use crate::metrics::figures;
-use crate::study::Outcome;
 
 /// Differences up to this share of the larger of the two medians do not count.
 pub const NEGLIGIBLE: f64 = 0.01;
@@ -167,7 +167,7 @@ mod tests {
 
     use super::super::folder::Flown;
     use super::*;
-    use crate::study::Measured;
+    use crate::metrics::Measured;
 
     /// A run of a seed with one figure; none is never.
     fn run(seed: u64, key: &str, value: Option<f64>) -> Flown {

@@ -53,6 +53,13 @@ impl Run {
             vehicles: scenario.swarm.vehicles,
         }
     }
+
+    /// The identity of a flight of these teams with the fleet's seed. What the teams differ in is that of the first.
+    pub fn of_fleet<'a>(mut teams: impl Iterator<Item = &'a Scenario>, seed: u64, target: &str) -> Self {
+        let Some(first) = teams.next() else { return Self::default() };
+        let run = Self::new(first, target);
+        Self { seed, vehicles: run.vehicles + teams.map(|team| team.swarm.vehicles).sum::<usize>(), ..run }
+    }
 }
 
 /// The spelling of a choice in the scenario file.

@@ -7,8 +7,9 @@ use super::page::{Page, Part, Section};
 use super::{fleet, flight_parts, recording, slug};
 use crate::compare::folder::{Flown, Folder};
 use crate::error::Error;
+use crate::metrics::{Measured, Outcome, worst_and_median};
 use crate::record;
-use crate::study::{self, Measured, Outcome, Summary, rounded, worst_and_median};
+use crate::study::{self, Summary, rounded};
 
 /// Figures that are drawn, the most important first: the first [`MOST_PANELS`] of those that vary.
 const DRAWN: [&str; 25] = [

@@ -6,13 +6,13 @@ use std::path::PathBuf;
 use std::thread;
 
 use super::flight::fly_side_by_side;
-use super::measured::Measured;
 use super::plan::{Plan, write};
 use super::progress::Progress;
 use super::recorded::record;
 use super::sweep::Sweep;
 use super::{summary, table, verdict};
 use crate::error::Error;
+use crate::metrics::Measured;
 use crate::scenario::{ScenarioArgs, quoted};
 use crate::terminal::json;
 use crate::terminal::{say, what_next};

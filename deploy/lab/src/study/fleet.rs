@@ -3,8 +3,6 @@
 //! A round is [`ROUND_TICKS`] frames. Within a round no team needs another, so a team flies its whole round while its
 //! memory is in the processor's cache, and the threads share the teams. What comes out does not depend on their number.
 
-mod across;
-mod report;
 mod sky;
 mod team;
 
@@ -19,12 +17,11 @@ use skein_host::parallel::at_once;
 
 use super::recorded::RecordRunError;
 use super::{JOIN_LIMIT_S, Study, StudyError, longest_s};
-use crate::metrics::{Run, Wall};
+use crate::metrics::across::Across;
+use crate::metrics::{FleetReport, FleetTraffic, Run, Wall};
 use crate::record::{self, FleetWriter, RecordError};
-use across::Across;
-pub use report::{FleetReport, OverTeams, over_teams};
 use sky::Sky;
-use team::Team;
+use team::{Team, TeamReport};
 
 /// Number of frames of a round: 0.2 s, the longest period of a state. With half of it, ten thousand vehicles cost a quarter
 /// more, because each round brings a team's memory into the cache once.
@@ -95,9 +92,7 @@ impl FleetFlight {
         let first = study.teams.first().map(|team| &team.scenario);
         let origin = Origin::new(study.origin.geodetic());
         let longest_s = study.teams.iter().map(|team| longest_s(&team.scenario)).fold(0.0, f64::max);
-        let mut run = first.map(|scenario| Run::new(scenario, "study")).unwrap_or_default();
-        run.vehicles = study.teams.iter().map(|team| team.scenario.swarm.vehicles).sum();
-        run.seed = study.seed;
+        let run = Run::of_fleet(study.teams.iter().map(|team| &team.scenario), study.seed, "study");
         let recorder = |recording: &FleetRecording<'_>| {
             FleetWriter::new(&recording.folder.join(record::FLEET_FILE), &run, recording.scenario_toml)
         };
@@ -126,8 +121,9 @@ impl FleetFlight {
         let flown_s = self.teams.first().map_or(0.0, Team::t_s);
         let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
         self.recorder.map_or(Ok(()), FleetWriter::finish)?;
-        let teams = self.teams.into_iter().map(|team| team.report(wall)).collect::<Result<_, _>>()?;
-        Ok(FleetReport::new(self.run, teams, &self.across, wall))
+        let teams = self.teams.into_iter().map(|team| team.report(wall)).collect::<Result<Vec<_>, _>>()?;
+        let reports: Vec<_> = teams.iter().map(|team| (team.id, &team.report)).collect();
+        Ok(FleetReport::new(self.run, &reports, &self.across, Some(traffic(&teams)), wall))
     }
 
     /// Whether no round follows.
@@ -168,9 +164,26 @@ impl FleetFlight {
             teams.iter_mut().try_for_each(|team| team.record(recorder, origin, with_places))?;
         }
         if zero_s.is_some() {
-            self.across.observe(&teams.iter().map(Team::airborne).collect::<Vec<_>>(), self.ticks as f64 * TICK_S);
+            self.across.observe(&teams.iter().map(Team::airborne).collect::<Vec<_>>());
             self.ticks += ROUND_TICKS;
         }
         Ok(())
+    }
+}
+
+/// What the vehicles of these teams have received.
+fn traffic(teams: &[TeamReport]) -> FleetTraffic {
+    let own = teams.iter().map(|team| (team.own_per_s, team.report.run.vehicles as f64));
+    let (messages, bytes, vehicles) = own.fold((0.0, 0.0, 0.0), |sum, (per_s, vehicles)| {
+        (sum.0 + per_s.0 * vehicles, sum.1 + per_s.1 * vehicles, sum.2 + vehicles)
+    });
+    let surrounded = teams.iter().map(|team| team.received.surrounded);
+    let (rounds, states, state_bytes) =
+        surrounded.fold((0, 0, 0), |sum, team| (sum.0 + team.0, sum.1 + team.1, sum.2 + team.2));
+    let over_s = rounds as f64 * ROUND_TICKS as f64 * TICK_S;
+    let per_s = || (states as f64 / over_s + messages / vehicles, state_bytes as f64 / over_s + bytes / vehicles);
+    FleetTraffic {
+        stranger_states: teams.iter().map(|team| team.received.states).sum(),
+        surrounded_per_s: (rounds > 0).then(per_s),
     }
 }

@@ -221,7 +221,7 @@ mod tests {
 
     use super::*;
     use crate::metrics::WALL_CLOCK_KEYS;
-    use crate::study::Measured;
+    use crate::metrics::Measured;
 
     fn study(sets: &[&str]) -> Study {
         let text = "duration_s = 30\nworld.wind_m_s = 4\nworld.gust_w20_m_s = 5\n\

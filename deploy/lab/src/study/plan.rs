@@ -30,12 +30,11 @@ use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
 
 use super::flight::SeedFlight;
-use super::measured::Measured;
 use super::sweep::{self, Point, Sweep};
 use super::{FleetRecording, FleetStudy, Study, StudyArgs, StudyError};
 use crate::error::Error;
 use crate::external::{self, LawPool, Trial};
-use crate::metrics::Report;
+use crate::metrics::{Measured, Report};
 use crate::out;
 use crate::prepare::prepare;
 use crate::scenario::{Ready, ScenarioArgs};

@@ -8,10 +8,10 @@ use std::path::Path;
 
 use skein_common::scenario::{RecordRuns, Scenario};
 
-use super::measured::{Measured, worst_and_median};
 use super::plan::{Plan, PlannedRun};
 use super::{Study, StudyError};
 use crate::error::Error;
+use crate::metrics::{Measured, worst_and_median};
 use crate::metrics::{Report, Run, WALL_CLOCK_KEYS};
 use crate::record::{self, Draft, RecordError, RecordingInfo, Writer, log_time_ns};
 use skein_host::parallel::in_parallel;

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::measured::{Measured, is_worse, worst_and_median};
 use super::sweep::Point;
 use crate::metrics::{Direction, Report};
+use crate::metrics::{Measured, is_worse, worst_and_median};
 use skein_common::statistics::quantile;
 
 /// One figure over all seeds.

@@ -2,10 +2,10 @@
 
 use comfy_table::{CellAlignment, Table, presets};
 
-use super::measured::{Measured, Outcome};
 use super::summary::{FigureSummary, PointSummary, Summary};
 use super::sweep::Point;
 use crate::metrics::figures;
+use crate::metrics::{Measured, Outcome};
 
 /// The figures that a reader looks for first, each with a short description. The table has the first [`HEADLINES`] of these that
 /// the runs have.

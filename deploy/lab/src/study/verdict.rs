@@ -1,7 +1,7 @@
 //! A study's verdict: how many runs did what they should, and which ones did not.
 
-use super::measured::{Measured, Outcome};
 use super::sweep::Point;
+use crate::metrics::{Measured, Outcome};
 use crate::scenario::ScenarioArgs;
 
 /// The verdict names at most this many seeds of one kind of failure.

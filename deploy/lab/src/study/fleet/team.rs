@@ -18,8 +18,8 @@ use skein_core::plant::GroundTruth;
 use super::super::flight::show;
 use super::super::recorded::{CLOCK, RecordRunError};
 use super::super::{Study, StudyError, measure};
-use super::across::Airborne;
 use super::sky::{Sent, Sky};
+use crate::metrics::across::Airborne;
 use crate::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, VehicleNow, Wall};
 use crate::record::{
     self, Draft, FleetWriter, RecordError, RecordingInfo, TeamPlaces, VehiclePlace, Writer, log_time_ns,
@@ -177,10 +177,10 @@ impl Team {
         }
         self.zero_s = zero_s;
         let Some(zero_s) = zero_s else { return };
+        let t_s = self.world.t_s() - zero_s;
         let is_high = |truth: &GroundTruth| truth.height_m > AIRBORNE_ABOVE_M;
         let in_the_air = self.world.all_vehicles().filter(|(_, _, truth, _)| is_high(truth));
-        self.airborne.add(in_the_air.map(|(id, _, truth, _)| (id, truth.position)));
-        let t_s = self.world.t_s() - zero_s;
+        self.airborne.add(t_s, in_the_air.map(|(id, _, truth, _)| (id, truth.position)));
         if let Some(noted) = &mut self.noted {
             let events = self.world.events().iter().map(|(sender, what)| NotedKind::Event(*sender, *what));
             let faults = self.world.faults().iter().cloned().map(NotedKind::Fault);

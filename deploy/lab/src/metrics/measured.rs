@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::metrics::{Direction, figures};
+use super::{Direction, figures};
 
 /// The figures of one run.
 #[derive(Clone, Debug, PartialEq)]

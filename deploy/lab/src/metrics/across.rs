@@ -9,43 +9,44 @@ use std::collections::BTreeSet;
 use nalgebra::Vector3;
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{FleetVehicle, TeamId, VehicleId};
-use skein_core::helicopter::TICK_S;
 
-use crate::metrics::COLLISION_M;
+use super::COLLISION_M;
 
 /// Slack of a box around a team, m: more than the rounding and the curvature of the Earth over a team's extent.
 const SLACK_M: f64 = 2.0;
 
-/// The vehicles of one team in the air, at each instant of a round.
+/// The vehicles of one team in the air, at a number of instants.
 #[derive(Debug)]
-pub(super) struct Airborne {
+pub struct Airborne {
     team: TeamId,
     /// Origin of the team's frame.
     origin: Origin,
-    /// The vehicles in the air at each instant, with their positions in the team's frame.
-    instants: Vec<Vec<(VehicleId, PositionNed)>>,
-    /// The number of instants of this round so far.
+    /// Each instant, s, with the vehicles in the air and their positions in the team's frame.
+    instants: Vec<(f64, Vec<(VehicleId, PositionNed)>)>,
+    /// The number of instants since it was cleared.
     count: usize,
-    /// Least and largest coordinates of the round in the team's frame; `None` with no vehicle in the air.
+    /// Least and largest coordinates of all instants in the team's frame; `None` with no vehicle in the air.
     bounds: Option<(Vector3<f64>, Vector3<f64>)>,
 }
 
 impl Airborne {
-    pub(super) fn new(team: TeamId, origin: Origin) -> Self {
+    /// No instant yet. `origin` is that of the team's frame.
+    pub fn new(team: TeamId, origin: Origin) -> Self {
         Self { team, origin, instants: Vec::new(), count: 0, bounds: None }
     }
 
-    /// Begins a round.
-    pub(super) fn clear(&mut self) {
+    /// Forgets all instants.
+    pub fn clear(&mut self) {
         (self.count, self.bounds) = (0, None);
     }
 
-    /// Adds the next instant of the round.
-    pub(super) fn add(&mut self, vehicles: impl Iterator<Item = (VehicleId, PositionNed)>) {
+    /// Adds the next instant, s, with the vehicles in the air and their positions in the team's frame.
+    pub fn add(&mut self, t_s: f64, vehicles: impl Iterator<Item = (VehicleId, PositionNed)>) {
         if self.count == self.instants.len() {
-            self.instants.push(Vec::new());
+            self.instants.push((t_s, Vec::new()));
         }
-        let instant = &mut self.instants[self.count];
+        let (at_s, instant) = &mut self.instants[self.count];
+        *at_s = t_s;
         self.count += 1;
         instant.clear();
         // A position that is not finite has no distance.
@@ -56,7 +57,7 @@ impl Airborne {
         }
     }
 
-    /// The box of the round in the fleet's frame.
+    /// The box of all instants in the fleet's frame.
     fn bounds(&self, fleet: &Origin) -> Option<(Vector3<f64>, Vector3<f64>)> {
         let (least, largest) = self.bounds?;
         let corners = (0..8).map(|nth| {
@@ -78,7 +79,7 @@ fn in_fleet(fleet: &Origin, team: &Origin, position: PositionNed) -> Vector3<f64
 
 /// The separations of all pairs of vehicles of different teams, both in the air.
 #[derive(Debug)]
-pub(super) struct Across {
+pub struct Across {
     /// Origin of the fleet's frame.
     fleet: Origin,
     /// Square of the least distance so far, m²; infinite before there was a pair.
@@ -89,12 +90,13 @@ pub(super) struct Across {
 }
 
 impl Across {
-    pub(super) fn new(fleet: Origin) -> Self {
+    /// No separation yet. `fleet` is the origin of the fleet's frame.
+    pub fn new(fleet: Origin) -> Self {
         Self { fleet, least_square: f64::INFINITY, nearest: None, collided: BTreeSet::new() }
     }
 
-    /// Observes a round of all teams, in order, that began at `begin_s`.
-    pub(super) fn observe(&mut self, teams: &[&Airborne], begin_s: f64) {
+    /// Observes all teams, in order. All have the same instants.
+    pub fn observe(&mut self, teams: &[&Airborne]) {
         let boxed = |(nth, team): (usize, &&Airborne)| Some((nth, team.bounds(&self.fleet)?));
         let mut boxes: Vec<_> = teams.iter().enumerate().filter_map(boxed).collect();
         boxes.sort_by(|(_, (one, _)), (_, (other, _))| one.x.total_cmp(&other.x));
@@ -115,7 +117,7 @@ impl Across {
         near.sort_by(|one, other| one.0.total_cmp(&other.0).then((one.1, one.2).cmp(&(other.1, other.2))));
         for (gap_m, one, other) in near {
             if gap_m <= self.within_m() {
-                self.compare(teams[one], teams[other], begin_s);
+                self.compare(teams[one], teams[other]);
             }
         }
     }
@@ -125,10 +127,10 @@ impl Across {
         self.least_square.sqrt().max(COLLISION_M)
     }
 
-    /// Compares all vehicles of two teams at each instant of a round that began at `begin_s`.
-    fn compare(&mut self, one: &Airborne, other: &Airborne, begin_s: f64) {
+    /// Compares all vehicles of two teams at each instant.
+    fn compare(&mut self, one: &Airborne, other: &Airborne) {
         let both = one.instants.iter().zip(&other.instants).take(one.count.min(other.count));
-        for (instant, (ones, others)) in both.enumerate() {
+        for ((t_s, ones), (_, others)) in both {
             let in_ones = |(id, position): &(VehicleId, PositionNed)| {
                 let position = one.origin.ned_from_geodetic(&other.origin.geodetic_from_ned(*position));
                 (*id, position)
@@ -147,7 +149,7 @@ impl Across {
                     if square < self.least_square {
                         let (one, other) = pair();
                         self.least_square = square;
-                        self.nearest = Some((one, other, begin_s + TICK_S * (instant + 1) as f64));
+                        self.nearest = Some((one, other, *t_s));
                     }
                 }
             }
@@ -155,12 +157,12 @@ impl Across {
     }
 
     /// Least distance of two vehicles of different teams so far, m, with the two and the time, s.
-    pub(super) fn least(&self) -> Option<(f64, (FleetVehicle, FleetVehicle, f64))> {
+    pub fn least(&self) -> Option<(f64, (FleetVehicle, FleetVehicle, f64))> {
         Some((self.least_square.sqrt(), self.nearest?))
     }
 
     /// Number of pairs that have collided.
-    pub(super) fn collisions(&self) -> u64 {
+    pub fn collisions(&self) -> u64 {
         self.collided.len() as u64
     }
 }
@@ -188,14 +190,14 @@ mod tests {
             for _ in 0..20 {
                 for team in &mut teams {
                     team.clear();
-                    for _ in 0..3 {
+                    for instant in 0..3 {
                         let mut place = || PositionNed::new(uniform(100.0), uniform(100.0), -30.0 + uniform(10.0));
-                        team.add(VehicleId::first(4).map(|id| (id, place())));
+                        team.add(f64::from(instant), VehicleId::first(4).map(|id| (id, place())));
                     }
                 }
-                across.observe(&teams.iter().collect::<Vec<_>>(), 0.0);
+                across.observe(&teams.iter().collect::<Vec<_>>());
                 let at = |team: &Airborne, instant: usize, nth: usize| {
-                    in_fleet(&fleet, &team.origin, team.instants[instant][nth].1)
+                    in_fleet(&fleet, &team.origin, team.instants[instant].1[nth].1)
                 };
                 for instant in 0..3 {
                     for (nth, one) in teams.iter().enumerate() {
@@ -219,8 +221,8 @@ mod tests {
         let fleet = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
         let mut across = Across::new(fleet);
         let mut teams: Vec<_> = TeamId::first(2).map(|team| Airborne::new(team, fleet)).collect();
-        teams.iter_mut().for_each(|team| team.add([].into_iter()));
-        across.observe(&teams.iter().collect::<Vec<_>>(), 0.0);
+        teams.iter_mut().for_each(|team| team.add(0.0, [].into_iter()));
+        across.observe(&teams.iter().collect::<Vec<_>>());
         assert_eq!(across.least(), None);
     }
 }

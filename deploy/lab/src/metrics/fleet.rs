@@ -5,10 +5,8 @@ use serde::{Serialize, Serializer};
 use skein_common::id::TeamId;
 
 use super::across::Across;
-use super::team::TeamReport;
-use crate::metrics::figures::{FIGURES, FLEET_FIGURES};
-use crate::metrics::{Direction, Run, Wall};
-use crate::study::measured::Measured;
+use super::figures::{FIGURES, FLEET_FIGURES};
+use super::{Direction, Measured, Report, Run, Wall};
 
 /// How the figures of teams become one figure of the fleet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,31 +72,34 @@ pub struct FleetReport {
     pub teams: Vec<(TeamId, Measured)>,
 }
 
+/// What the vehicles of a fleet have received.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FleetTraffic {
+    /// Number of states of other teams, by all vehicles.
+    pub stranger_states: u64,
+    /// Messages that a vehicle receives in a second, as a mean over those with a vehicle in each of their nine cells, and
+    /// their bytes; `None` without such vehicles.
+    pub surrounded_per_s: Option<(f64, f64)>,
+}
+
 impl FleetReport {
-    pub(super) fn new(run: Run, teams: Vec<TeamReport>, across: &Across, wall: Wall) -> Self {
-        let own = teams.iter().map(|team| (team.own_per_s, team.report.run.vehicles as f64));
-        let own = own.fold((0.0, 0.0), |(messages, bytes), (per_s, vehicles)| {
-            (messages + per_s.0 * vehicles, bytes + per_s.1 * vehicles)
-        });
-        let own_per_s = (own.0 / run.vehicles.max(1) as f64, own.1 / run.vehicles.max(1) as f64);
-        let surrounded = teams
-            .iter()
-            .map(|team| team.received.surrounded)
-            .fold((0, 0, 0), |sum, team| (sum.0 + team.0, sum.1 + team.1, sum.2 + team.2));
-        let in_round = |count: u64| {
-            let round_s = super::ROUND_TICKS as f64 * super::TICK_S;
-            (surrounded.0 > 0).then(|| count as f64 / (surrounded.0 as f64 * round_s))
-        };
-        let strangers = teams.iter().map(|team| team.received.states).sum::<u64>();
-        let measured: Vec<_> = teams.iter().map(|team| (team.id, Measured::of(&team.report))).collect();
+    /// The figures of these teams, in order; `traffic` is `None` where it was not counted.
+    pub fn new(
+        run: Run,
+        teams: &[(TeamId, &Report)],
+        across: &Across,
+        traffic: Option<FleetTraffic>,
+        wall: Wall,
+    ) -> Self {
+        let measured: Vec<_> = teams.iter().map(|(id, report)| (*id, Measured::of(report))).collect();
         let least = across.least();
         let across_teams = |key: &str| match key {
             "teams" => Some(teams.len() as f64),
             "across_separation_m" => least.map(|(least_m, _)| least_m),
             "across_collisions" => Some(across.collisions() as f64),
-            "stranger_states" => Some(strangers as f64),
-            "surrounded_messages_per_s" => in_round(surrounded.1).map(|strangers| strangers + own_per_s.0),
-            "surrounded_bytes_per_s" => in_round(surrounded.2).map(|strangers| strangers + own_per_s.1),
+            "stranger_states" => traffic.map(|traffic| traffic.stranger_states as f64),
+            "surrounded_messages_per_s" => traffic.and_then(|traffic| Some(traffic.surrounded_per_s?.0)),
+            "surrounded_bytes_per_s" => traffic.and_then(|traffic| Some(traffic.surrounded_per_s?.1)),
             _ => None,
         };
         let of_teams = |key: &'static str| {
