@@ -1,18 +1,19 @@
-//! The intent stage: which of two teams of a fleet gets a place that both want. There is no leader.
+//! The intent stage decides, without a leader, which team of a fleet flies first to a place that several teams want.
 //!
-//! Across the teams of a fleet travel states, and for each team the area that it occupies and the one that it wants: its
-//! operational intent (ASTM F3548-21 calls it so). Every vehicle decides for itself whether the next area is free. A
-//! vehicle that finds it taken has not reached its step, and so the team's agreement holds the whole team where it is,
-//! outside. A team waits
+//! Teams exchange two kinds of messages: the states of their vehicles, and their operational intents (the term of ASTM
+//! F3548-21). An intent names the area that a team occupies and the area that it wants. Every vehicle decides for itself
+//! whether the next area of its mission is free. A vehicle whose next area is taken has not reached its step, so that
+//! the team's agreement holds the whole team in its present area. A team waits
 //!
-//! 1. for a team that occupies a part of the wanted area. A team with a larger number that waits to leave it gives way at
-//!    once if it wants to change places, and after [`WAIT_LIMIT_S`] in any case;
-//! 2. for a team with a smaller number that wants a part of it too.
+//! 1. for a team that occupies a part of the wanted area. There is an exception for a team with a larger number that
+//!    waits itself: this team does not wait for it if the two want to change places, nor after [`WAIT_LIMIT_S`];
+//! 2. for a team with a smaller number that wants a part of the same area.
 //!
-//! So no circle of waiting teams lasts: along a circle the numbers must rise somewhere, rule 2 never waits for a larger
-//! number, and rule 1 waits for one that itself waits only for a time. The area must have been free for [`SETTLED_S`],
-//! longer than a message takes: two teams that begin to want the same area at the same time see each other's wish before
-//! either enters. The safety filter keeps the vehicles apart where this fails, as when a team receives nothing.
+//! No circle of waiting teams lasts: somewhere along a circle a team waits for one with a larger number. By rule 2 it
+//! never does, and by rule 1 only for a limited time. The area must have been free for [`SETTLED_S`], which is longer
+//! than a message takes: of two teams that begin to want the same area at the same time, each receives the other's
+//! intent before either enters. Where this fails, as when a team receives nothing, the safety filter keeps the vehicles
+//! apart.
 
 use alloc::vec::Vec;
 

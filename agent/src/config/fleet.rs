@@ -35,7 +35,7 @@ pub fn check_size(teams: &[Loaded]) -> Result<(), TooManyAgents> {
     if is_fleet && vehicles > MAX_AGENTS { Err(TooManyAgents(vehicles)) } else { Ok(()) }
 }
 
-/// The scenario of the swarm or team that this vehicle flies in; `None` if there is no such team.
+/// The scenario of the swarm or team that this vehicle flies in; `None` if the scenario has no such team.
 pub fn swarm_of(name: VehicleName, described: Described) -> Option<Loaded> {
     match (described, name.team) {
         (Described::Swarm(loaded), None) => Some(*loaded),

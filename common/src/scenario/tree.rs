@@ -103,7 +103,7 @@ pub(super) struct Texts<'a> {
 /// What is read of a file.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Part {
-    /// Everything: the file describes one swarm, or is no scenario.
+    /// The whole file. It has to describe one swarm.
     Whole,
     /// The scenario that all teams of a fleet have in common.
     Common,

@@ -220,8 +220,8 @@ mod tests {
     use skein_core::control::Rules;
 
     use super::*;
-    use crate::metrics::WALL_CLOCK_KEYS;
     use crate::metrics::Measured;
+    use crate::metrics::WALL_CLOCK_KEYS;
 
     fn study(sets: &[&str]) -> Study {
         let text = "duration_s = 30\nworld.wind_m_s = 4\nworld.gust_w20_m_s = 5\n\

@@ -34,8 +34,8 @@ pub(super) struct Team {
     origin: Origin,
     world: World,
     metrics: Metrics,
-    /// Times in which the team receives no state of others, s after its take-off, each with whether they receive none of
-    /// it, either.
+    /// The times in which the team receives nothing from other teams, s after its take-off. The flag states whether the
+    /// other teams receive nothing from it either.
     isolated: Vec<(Range<f64>, bool)>,
     /// Room to work in.
     vehicles: Vec<VehicleNow>,
@@ -92,7 +92,8 @@ impl TeamRecorder {
 pub(super) struct Received {
     /// States of other teams of all vehicles.
     pub(super) states: u64,
-    /// Those states and their bytes of the vehicles that have vehicles in each of their nine cells, behind the number of vehicles and rounds.
+    /// Of the vehicles with a vehicle in each of their nine cells: the rounds of all of them, the states of other teams
+    /// that they received, and the bytes of these states.
     pub(super) surrounded: (u64, u64, u64),
 }
 
