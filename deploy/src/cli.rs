@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use skein_agent::config::AgentOptions;
 use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
 use skein_core::formation::laws::Laws;
@@ -14,9 +14,12 @@ use crate::cluster::host::{self, NodeArgs};
 use crate::cluster::{self, ClusterArgs};
 use crate::explain::{self, ExplainArgs};
 use crate::fly::{self, FlyArgs};
+use crate::manual::{self, CompletionsArgs, ManArgs};
+use crate::new::{self, NewArgs};
 use crate::order::{self, OrderArgs};
 use crate::record::{self, RecordArgs};
 use crate::report::{self, ReportArgs};
+use crate::scenarios::{self, ScenariosArgs};
 use skein_lab::cli::parsed;
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
@@ -52,6 +55,15 @@ pub enum Command {
     Check(CheckArgs),
     /// What the keys of a scenario mean: kind, range, default and reason
     Explain(ExplainArgs),
+    /// The scenarios that come with the program, and fly by their name
+    Scenarios(ScenariosArgs),
+    /// Write a commented start: a scenario, a law, an aircraft, a cluster file, a study
+    New(NewArgs),
+    /// Print the completions for a shell
+    Completions(CompletionsArgs),
+    /// Write the manual pages
+    #[command(hide = true)]
+    Man(ManArgs),
     /// Install a swarm on every node of a cluster, start it, look at it, land it
     Cluster(ClusterArgs),
     /// A node's own side of the cluster's commands
@@ -92,6 +104,13 @@ pub fn run(command: Command) -> ExitCode {
         Command::Order(args) => order::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Explain(args) => explain::run(&args),
+        Command::Scenarios(args) => scenarios::run(&args),
+        Command::New(args) => new::run(&args),
+        Command::Completions(args) => {
+            manual::complete(&args, Cli::command());
+            Ok(())
+        }
+        Command::Man(args) => manual::write_pages(&args, Cli::command()),
         Command::Cluster(args) => cluster::run(&args),
         Command::Node(args) => host::run(&args),
         // Both set their own exit status and logging.
@@ -109,7 +128,6 @@ fn standin(options: &StandinOptions) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
     use skein_lab::cli::parse_from;
 
     use super::*;
@@ -144,6 +162,7 @@ mod tests {
             let examples: Vec<&str> = help.strip_prefix("Examples:\n").unwrap_or_default().lines().collect();
             assert!(examples.len() >= 2, "{}: {help:?}", command.get_name());
             for example in examples {
+                let example = example.split(" > ").next().unwrap_or_default();
                 assert!(parse(example.trim()).is_ok(), "{example}: {:?}", parse(example.trim()).err());
             }
         }
@@ -223,6 +242,10 @@ mod tests {
         assert!(parse("skein order land --swarm lab").is_ok());
         assert!(parse("skein order --swarm lab goto 2").is_ok() && parse("skein order goto").is_err());
         assert!(parse("skein check").is_ok() && parse("skein check -f lab.toml --json").is_ok());
+        assert!(
+            parse("skein new law a --lang rust").is_err() && parse("skein new law a --lang rust --source .").is_ok()
+        );
+        assert!(parse("skein new scenario ../a").is_err() && parse("skein scenarios tour --json").is_err());
         assert!(parse("skein explain").is_ok() && parse("skein explain radius --json").is_ok());
         assert!(parse("skein check --xplane heli7").is_ok() && parse("skein check my.toml -f lab.toml").is_err());
         assert!(

@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`wire`] | encodes and decodes every datagram |
+//! | [`discovery`] | finds the X-Planes of a network |
 //! | [`link`] | X-Plane as a [`Plant`](skein_core::plant::Plant) |
 //! | [`server`] | the simulator's side without sockets: subscriptions, datarefs, overrides |
 //! | [`standin`] | a headless X-Plane: the built-in helicopter behind that server |
@@ -15,6 +16,7 @@ mod clock;
 mod convert;
 mod socket;
 
+pub mod discovery;
 pub mod link;
 pub mod server;
 pub mod standin;

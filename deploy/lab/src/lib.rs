@@ -5,6 +5,7 @@
 //! | module | what it does |
 //! | --- | --- |
 //! | [`scenario`], [`prepare`] | reads a command's scenario and checks that it can fly |
+//! | [`shipped`] | the files that the program carries |
 //! | [`world`] | simulates a swarm in virtual time, step by step |
 //! | [`faults`] | schedules the faults and orders of a scenario; names the faults that were injected |
 //! | [`external`] | connects laws that run in other programs, in virtual time |
@@ -28,6 +29,7 @@ pub mod record;
 pub mod recording;
 pub mod report;
 pub mod scenario;
+pub mod shipped;
 pub mod study;
 pub mod terminal;
 pub mod world;

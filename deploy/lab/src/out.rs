@@ -1,19 +1,28 @@
 //! Chooses the folder that a run writes into.
 
+use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 use skein_host::clock;
 
-/// The absolute path of `out`, or of a new folder in `skein-runs` named after `name` and the UTC time. Creates nothing.
+/// The environment variable that names the folder of runs without an `--out`.
+const RUNS_VARIABLE: &str = "SKEIN_RUNS";
+
+/// The absolute path of `out`, or of a new folder named after `name` and the UTC time in the folder that `SKEIN_RUNS`
+/// names, without it in `skein-runs`. Creates nothing.
 ///
 /// # Errors
 /// The folder contains files, or the path is not a folder: a command never overwrites the output of a run.
 pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
     let out = match out {
         Some(out) => out.to_owned(),
-        None => fresh(&Path::new("skein-runs").join(format!("{name}-{}", clock::utc_name()))),
+        None => {
+            let runs = env::var_os(RUNS_VARIABLE).filter(|runs| !runs.is_empty());
+            let runs = runs.map_or_else(|| PathBuf::from("skein-runs"), PathBuf::from);
+            fresh(&runs.join(format!("{name}-{}", clock::utc_name())))
+        }
     };
     let out = std::path::absolute(&out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))?;
     let refused = |why: &str| Err(Error::Refused(format!("--out {}: {why}", out.display())));

@@ -15,16 +15,12 @@ use skein_host::external;
 use skein_host::files::{self, FileError};
 
 use crate::error::Error;
-
-/// The scenario that flies when the command line names none: a hover formation.
-pub const HOVER: Source<'_> = Source { name: "hover.toml", text: include_str!("../../scenarios/hover.toml") };
-/// A shipped scenario with a flock that follows a moving centre.
-pub const FLOCK: Source<'_> = Source { name: "flock.toml", text: include_str!("../../scenarios/flock.toml") };
+use crate::shipped::{self, HOVER};
 
 /// The command-line arguments that choose a scenario.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ScenarioArgs {
-    /// Scenario file; without one, the hover formation of Garcia & Barnes 2010 flies
+    /// Scenario file, or the name of a shipped scenario such as flock (`skein scenarios` lists them) [default: hover]
     #[arg(value_name = "SCENARIO")]
     pub scenario: Option<PathBuf>,
     /// Override a key of the scenario file, such as formation.radius_m=50; the last value wins
@@ -57,8 +53,7 @@ impl ScenarioArgs {
     pub fn read_any(&self, more: Vec<String>) -> Result<Described, Error> {
         let mut sets = [self.sets.clone(), more].concat();
         let name = self.name();
-        let read = |path| fs::read_to_string(path).map_err(|error| Error::Refused(format!("{name}: {error}")));
-        let text = self.scenario.as_ref().map_or_else(|| Ok(HOVER.text.to_owned()), read)?;
+        let text = self.text()?;
         let load = |sets: &[String]| {
             load_any(&Source { name: &name, text: &text }, sets)
                 .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
@@ -139,6 +134,28 @@ impl ScenarioArgs {
             .join(" ")
     }
 
+    /// The scenario that the program carries, if the arguments name one. A file with the same name comes first.
+    fn shipped(&self) -> Option<Source<'static>> {
+        match &self.scenario {
+            None => Some(HOVER),
+            Some(path) if path.is_file() => None,
+            Some(path) => shipped::scenario(path.to_str()?),
+        }
+    }
+
+    /// The text of the scenario.
+    fn text(&self) -> Result<String, Error> {
+        let (None, Some(path)) = (self.shipped(), &self.scenario) else {
+            return Ok(self.shipped().unwrap_or(HOVER).text.to_owned());
+        };
+        fs::read_to_string(path).map_err(|error| {
+            let similar = path.to_str().filter(|_| error.kind() == io::ErrorKind::NotFound);
+            let similar = similar.and_then(shipped::most_similar);
+            let help = similar.map(|name| format!("; did you mean the shipped scenario {name}?")).unwrap_or_default();
+            Error::Refused(format!("{}: {error}{help}", path.display()))
+        })
+    }
+
     /// The folder to which paths in the scenario file are relative.
     fn folder(&self) -> &Path {
         self.scenario.as_deref().and_then(Path::parent).unwrap_or(Path::new(""))
@@ -146,7 +163,8 @@ impl ScenarioArgs {
 
     /// The name of the scenario file in messages.
     pub fn name(&self) -> String {
-        self.scenario.as_ref().map_or_else(|| HOVER.name.to_owned(), |path| path.display().to_string())
+        let of_file = || self.scenario.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
+        self.shipped().map_or_else(of_file, |shipped| shipped.name.to_owned())
     }
 }
 
@@ -204,6 +222,26 @@ mod tests {
         let loaded = ScenarioArgs::default().read(vec!["seed=9".to_owned()]).unwrap();
         assert_eq!((loaded.scenario.name.as_str(), loaded.scenario.seed), ("hover", 9));
         assert_eq!(ScenarioArgs::default().name(), "hover.toml");
+    }
+
+    fn named(name: &str) -> ScenarioArgs {
+        ScenarioArgs { scenario: Some(name.into()), sets: Vec::new() }
+    }
+
+    #[test]
+    fn a_shipped_scenario_flies_by_its_name_unless_a_file_has_it() {
+        let args = named("tour");
+        assert_eq!(
+            (args.read(Vec::new()).unwrap().scenario.name.as_str(), args.name().as_str()),
+            ("tour", "tour.toml")
+        );
+        assert_eq!(args.command("fly", &[], None), "skein fly tour");
+        let refused = named("flok").read(Vec::new()).unwrap_err().to_string();
+        assert!(refused.ends_with("; did you mean the shipped scenario flock?"), "{refused}");
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("tour");
+        fs::write(&file, "name = 'mine'\nswarm.vehicles = 1").unwrap();
+        assert_eq!(named(file.to_str().unwrap()).read(Vec::new()).unwrap().scenario.name, "mine");
     }
 
     #[test]

@@ -12,7 +12,8 @@ use super::wire::data_output_bytes;
 use crate::os::cpu_s;
 use skein_host::clock::utc_name;
 use skein_lab::error::Error;
-use skein_lab::scenario::{FLOCK, HOVER, ScenarioArgs};
+use skein_lab::scenario::ScenarioArgs;
+use skein_lab::shipped::{FLOCK, HOVER};
 use skein_lab::study::Study;
 
 /// How often an agent sends a heartbeat, Hz.

@@ -1,15 +1,15 @@
 //! Finds the X-Plane on this computer by its beacon.
 
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
 use skein_host::clock::now;
-use socket2::{Domain, Protocol, Socket, Type};
 
 use super::Counters;
+use crate::plant::xplane::discovery;
 use crate::plant::xplane::socket::{Port, Received, is_this_host};
-use crate::plant::xplane::wire::becn::{self, Beacon};
+use crate::plant::xplane::wire::becn::Beacon;
 
 /// Time without a beacon before a warning: an X-Plane that loads scenery may miss two beacons.
 const TIMEOUT: Duration = Duration::from_secs(3);
@@ -22,18 +22,9 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// Joins the beacon's multicast group; other programs on this host can join it too.
+    /// Begins to listen.
     pub(super) fn new() -> io::Result<Self> {
-        let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
-        socket.set_reuse_address(true)?;
-        #[cfg(unix)]
-        socket.set_reuse_port(true)?;
-        socket.bind(&SocketAddr::from((Ipv4Addr::UNSPECIFIED, becn::PORT)).into())?;
-        let group = Ipv4Addr::from(becn::GROUP);
-        // A host without a network still has its loopback, and vice versa: joining one of the two is enough.
-        let joined = [Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST].map(|via| socket.join_multicast_v4(&group, &via));
-        let [Err(error), Err(_)] = joined else { return Self::on(socket.into()) };
-        Err(error)
+        Self::on(discovery::socket()?)
     }
 
     /// Listens on a socket that is already bound.

@@ -1,0 +1,104 @@
+//! Finds the X-Planes of a network by their beacons.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::time::Duration;
+
+use skein_host::clock::now;
+use socket2::{Domain, Protocol, Socket, Type};
+
+use super::socket::{Port, Received, is_this_host};
+use super::wire::becn::{self, Beacon};
+
+/// Most X-Planes that are kept: anything on the network can send a beacon.
+const MOST: usize = 250;
+
+/// An X-Plane that was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FoundSimulator {
+    /// Address of its computer.
+    pub address: IpAddr,
+    /// UDP port on which it receives.
+    pub port: u16,
+    /// Its version: 121400 is 12.1.4.
+    pub version: i32,
+    /// The name that its computer gives itself.
+    pub computer: String,
+}
+
+/// Listens for this time and returns every X-Plane that flies its own aircraft, in the order of addresses and ports. An
+/// X-Plane of this computer that is received over several interfaces is returned once.
+///
+/// # Errors
+/// If beacons cannot be received.
+pub fn listen(time: Duration) -> io::Result<Vec<FoundSimulator>> {
+    Ok(listen_on(socket()?, time)?.into_values().collect())
+}
+
+type Found = BTreeMap<(IpAddr, u16), FoundSimulator>;
+
+fn listen_on(socket: UdpSocket, time: Duration) -> io::Result<Found> {
+    let (mut port, until, mut found) = (Port::new(socket)?, now() + time, Found::new());
+    while now() < until {
+        if let Received::Datagram(size, from) = port.receive(Some(until))
+            && let Ok(beacon) = Beacon::decode(port.datagram(size))
+            && beacon.is_master()
+            && found.len() < MOST
+        {
+            let Beacon { port, version, name: computer, .. } = beacon;
+            let address = from.ip();
+            found.insert((address, port), FoundSimulator { address, port, version, computer });
+        }
+    }
+    let elsewhere: Vec<u16> =
+        found.keys().filter(|(ip, _)| !ip.is_loopback() && is_this_host(*ip)).map(|(_, port)| *port).collect();
+    found.retain(|(ip, port), _| !(ip.is_loopback() && elsewhere.contains(port)));
+    Ok(found)
+}
+
+/// A socket that receives the beacons; other programs on this host can receive them too.
+pub(super) fn socket() -> io::Result<UdpSocket> {
+    let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
+    socket.set_reuse_address(true)?;
+    #[cfg(unix)]
+    socket.set_reuse_port(true)?;
+    socket.bind(&SocketAddr::from((Ipv4Addr::UNSPECIFIED, becn::PORT)).into())?;
+    let group = Ipv4Addr::from(becn::GROUP);
+    // A host without a network still has its loopback, and vice versa: joining one of the two is enough.
+    let joined = [Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST].map(|via| socket.join_multicast_v4(&group, &via));
+    let [Err(error), Err(_)] = joined else { return Ok(socket.into()) };
+    Err(error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_master_is_found_once() {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let to = socket.local_addr().unwrap();
+        let beacon = |port: u16, role: u32| {
+            let mut bytes = Vec::new();
+            let beacon = Beacon {
+                minor: 2,
+                host_id: 1,
+                version: 121_400,
+                role,
+                port,
+                name: "heli".to_owned(),
+                raknet_port: Some(becn::RAKNET_PORT),
+            };
+            beacon.encode(&mut bytes).unwrap();
+            bytes
+        };
+        let from = UdpSocket::bind("127.0.0.1:0").unwrap();
+        for bytes in [beacon(49_010, 1), beacon(49_000, 1), beacon(49_000, 1), beacon(49_020, 2), b"BECN?".to_vec()] {
+            from.send_to(&bytes, to).unwrap();
+        }
+        let found = listen_on(socket, Duration::from_millis(200)).unwrap();
+        assert_eq!(found.keys().map(|(_, port)| *port).collect::<Vec<_>>(), [49_000, 49_010]);
+        assert!(found.values().all(|found| found.version == 121_400 && found.computer == "heli"));
+    }
+}

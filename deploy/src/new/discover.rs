@@ -1,0 +1,49 @@
+//! Finds the X-Planes of a network by their beacons.
+
+use std::time::Duration;
+
+use skein_agent::plant::xplane::discovery;
+use skein_common::printable::printable;
+use skein_lab::error::Error;
+
+/// Most bytes of a computer's name that are shown.
+const MAX_NAME: usize = 60;
+
+/// An X-Plane that was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct FoundXPlane {
+    /// Address of its computer.
+    pub(super) address: String,
+    /// UDP port on which it receives.
+    pub(super) port: u16,
+    /// Its version, `12.1.4`.
+    pub(super) version: String,
+    /// Name of its computer, without control characters.
+    pub(super) computer: String,
+}
+
+/// Listens for this long, s, and returns every X-Plane that flies its own aircraft, in the order of addresses.
+///
+/// # Errors
+/// If the beacons cannot be received, or none was.
+pub(super) fn listen(for_s: f64) -> Result<Vec<FoundXPlane>, Error> {
+    let time = Duration::try_from_secs_f64(for_s).map_err(|_| Error::Refused(format!("--wait {for_s}: not a time")))?;
+    let found = discovery::listen(time)
+        .map_err(|error| Error::Failed(format!("the beacons of X-Planes cannot be received: {error}")))?;
+    if found.is_empty() {
+        return Err(Error::Failed(format!(
+            "no X-Plane was found within {for_s} s: beacons are UDP multicast to 239.255.1.1:49707, which a firewall or a \
+             router may hold back; `skein new cluster` without --discover writes a file to fill in"
+        )));
+    }
+    let shown = |found: discovery::FoundSimulator| {
+        let version = found.version;
+        FoundXPlane {
+            address: found.address.to_string(),
+            port: found.port,
+            version: format!("{}.{}.{}", version / 10_000, version / 1000 % 10, version / 100 % 10),
+            computer: printable(&found.computer, MAX_NAME),
+        }
+    };
+    Ok(found.into_iter().map(shown).collect())
+}
