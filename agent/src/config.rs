@@ -4,6 +4,7 @@
 pub mod fleet;
 mod security;
 
+use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
@@ -214,14 +215,6 @@ impl PlantChoice {
     }
 }
 
-/// Loopback endpoint of an agent that is started by hand, where the other agents of this computer dial it. Each team of
-/// a fleet has a range of ports of its own.
-pub fn loopback_endpoint(name: VehicleName) -> String {
-    let teams_before = name.team.map_or(0, |team| u32::from(team.get()) - 1);
-    let port = 7446 + u32::from(VehicleId::MAX) * teams_before + u32::from(name.vehicle.get());
-    format!("tcp/127.0.0.1:{port}")
-}
-
 impl AgentOptions {
     /// Reads the files and checks the whole configuration.
     ///
@@ -242,12 +235,15 @@ impl AgentOptions {
     /// Configuration of a vehicle of this scenario whose agents are all started by hand on this computer.
     fn by_hand(&self, path: &Path, name: VehicleName) -> Result<Node, ConfigError> {
         let described = self.described(path)?;
-        let dial = fleet::dialled(name, described.all()).map(loopback_endpoint).collect();
+        let teams = described.all();
+        let ports: BTreeMap<_, _> = fleet::ports(teams).collect();
+        let endpoint = |name| ports.get(&name).map(|port| format!("tcp/127.0.0.1:{port}"));
         let file = AgentFile {
             scenario: path.to_owned(),
             id: name,
-            listen: vec![loopback_endpoint(name)],
-            dial,
+            // Nowhere for a vehicle that does not fly, which is refused below.
+            listen: endpoint(name).into_iter().collect(),
+            dial: fleet::dialled(name, teams).filter_map(endpoint).collect(),
             plant: None,
             xplane: None,
             security: None,

@@ -11,6 +11,8 @@ use skein_core::formation;
 
 /// Largest number of agents in a fleet that flies in real time: all of them may be linked with each other.
 pub const MAX_AGENTS: usize = 64;
+/// Port of the first vehicle's agent.
+const FIRST_PORT: u16 = 7447;
 /// Two teams are linked if their plans come within this number of cells. A vehicle subscribes to the cells around it and
 /// to those around the place a cell ahead: one more cell covers a vehicle that drifts off its plan.
 const LINKED_WITHIN_CELLS: u32 = 3;
@@ -52,6 +54,13 @@ pub fn dialled(name: VehicleName, teams: &[Loaded]) -> impl Iterator<Item = Vehi
     let own = teams.clone().find(|team| is_own(team)).map(Airspace::of);
     let is_linked = move |team: &Scenario| own.as_ref().is_some_and(|own| own.may_meet(&Airspace::of(team)));
     teams.filter(move |team| is_own(team) || is_linked(team)).flat_map(names).filter(move |other| *other < name)
+}
+
+/// Every vehicle with the TCP port of its agent, wherever ports are not chosen at the start of a flight: 7446 and its
+/// number among the vehicles of all teams, so that agents on one computer have different ports and a fleet has a row of
+/// them.
+pub fn ports(teams: &[Loaded]) -> impl Iterator<Item = (VehicleName, u16)> + '_ {
+    teams.iter().flat_map(|team| names(&team.scenario)).zip(FIRST_PORT..)
 }
 
 /// The names of a team's vehicles.
@@ -134,6 +143,13 @@ mod tests {
         assert!(dialled_by(&fleet(&near), "1/1").is_empty(), "one of each pair dials");
         let towards = format!("{far}[[team]]\nids = [1]\nmission.steps = [{{ centre_ne_m = [0, 5500] }}]\n");
         assert_eq!(dialled_by(&fleet(&towards), "2/2"), ["1/1", "1/2", "2/1"]);
+    }
+
+    #[test]
+    fn the_agents_of_a_fleet_have_a_row_of_ports() {
+        let fleet = fleet("fleet.teams = 3\nswarm.vehicles = 2\n[[team]]\nids = [2]\nswarm.vehicles = 3\n");
+        let ports: Vec<String> = ports(&fleet).map(|(name, port)| format!("{name}:{port}")).collect();
+        assert_eq!(ports, ["1/1:7447", "1/2:7448", "2/1:7449", "2/2:7450", "2/3:7451", "3/1:7452", "3/2:7453"]);
     }
 
     #[test]

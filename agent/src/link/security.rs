@@ -3,7 +3,6 @@
 //! a message.
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::fs;
 use std::io;
 use std::path::PathBuf;
@@ -54,15 +53,13 @@ pub struct PeerIdentity {
     pub key: VerificationKey,
 }
 
-/// Deserializes a table of vehicle identities whose keys are the vehicles' ids or names.
+/// Deserializes a table of vehicle identities whose keys are the vehicles' names.
 ///
 /// # Errors
 /// If a key of the table does not name a vehicle.
-pub fn identities_by_vehicle<'de, D, V>(of: D) -> Result<BTreeMap<V, PeerIdentity>, D::Error>
-where
-    D: Deserializer<'de>,
-    V: FromStr<Err: fmt::Display> + Ord,
-{
+pub fn identities_by_vehicle<'de, D: Deserializer<'de>>(
+    of: D,
+) -> Result<BTreeMap<VehicleName, PeerIdentity>, D::Error> {
     let vehicles = BTreeMap::<String, PeerIdentity>::deserialize(of)?.into_iter();
     vehicles.map(|(name, known)| name.parse().map(|name| (name, known)).map_err(D::Error::custom)).collect()
 }

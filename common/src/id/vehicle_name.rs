@@ -48,9 +48,37 @@ impl FromStr for VehicleName {
     }
 }
 
+impl VehicleName {
+    /// The name in file names, services' names and certificates, which have no `/` in them: `7`, in a fleet `3-7`.
+    pub fn dashed(self) -> String {
+        match self.team {
+            Some(team) => format!("{team}-{}", self.vehicle),
+            None => self.vehicle.to_string(),
+        }
+    }
+
+    /// The name as a key or a value of a TOML file: `7`, in a fleet `"3/7"`.
+    pub fn quoted(self) -> String {
+        match self.team {
+            Some(_) => format!("\"{self}\""),
+            None => self.to_string(),
+        }
+    }
+
+    /// Parses the form of [`Self::dashed`]; `None` if the text is something else.
+    pub fn from_dashed(text: &str) -> Option<Self> {
+        let name = text.replacen('-', "/", 1).parse::<Self>().ok()?;
+        (name.dashed() == text).then_some(name)
+    }
+}
+
+/// Writes the number of a vehicle without a team, else the text.
 impl Serialize for VehicleName {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
+        match self.team {
+            Some(_) => serializer.collect_str(self),
+            None => self.vehicle.serialize(serializer),
+        }
     }
 }
 
@@ -94,6 +122,17 @@ mod tests {
     }
 
     #[test]
+    fn a_name_without_a_slash_is_parsed_back() {
+        for (name, dashed) in [("7", "7"), ("3/7", "3-7"), ("4096/250", "4096-250")] {
+            let name: VehicleName = name.parse().unwrap();
+            assert_eq!((name.dashed().as_str(), VehicleName::from_dashed(dashed)), (dashed, Some(name)));
+        }
+        for text in ["", "-", "3-", "-7", "3/7", "3-7-1", "03-7", "3-07", "+7", "0-7"] {
+            assert_eq!(VehicleName::from_dashed(text), None, "{text:?}");
+        }
+    }
+
+    #[test]
     fn a_file_names_a_vehicle_by_number_or_text() {
         #[derive(Debug, PartialEq, Serialize, Deserialize)]
         struct File {
@@ -103,7 +142,8 @@ mod tests {
         assert_eq!(read("id = 7").as_deref(), Ok("7"));
         assert_eq!(read("id = \"3/7\"").as_deref(), Ok("3/7"));
         assert!(read("id = 0").is_err() && read("id = -1").is_err() && read("id = true").is_err());
-        let written = toml::to_string(&File { id: "3/7".parse().unwrap() }).unwrap();
-        assert_eq!(written, "id = \"3/7\"\n");
+        for text in ["id = \"3/7\"\n", "id = 7\n"] {
+            assert_eq!(toml::to_string(&toml::from_str::<File>(text).unwrap()).as_deref(), Ok(text));
+        }
     }
 }

@@ -6,7 +6,7 @@ use super::error::ScenarioError;
 use super::keys::{self, Key, Kind, Meaning};
 use super::law;
 use super::tree::{Node, Texts, Value, shown};
-use crate::id::{SwarmName, VehicleId};
+use crate::id::{SwarmName, TeamId, VehicleId};
 
 impl Texts<'_> {
     /// Checks a table and all tables below it, and converts integers to floats where the key takes numbers.
@@ -21,7 +21,7 @@ impl Texts<'_> {
                 Some(Meaning::Table) => self.check_table(value, &path)?,
                 _ => match keys::table_with_wrong_id(self.keys, &path) {
                     Some(table) => {
-                        let max = VehicleId::MAX;
+                        let max = if table == "team" { TeamId::MAX } else { VehicleId::MAX.into() };
                         let message = format!("`{}`: {table}s are tables by id, 1 to {max}", shown(&path));
                         return Err(self.fault(name_place, &path, message));
                     }

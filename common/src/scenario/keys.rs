@@ -23,7 +23,8 @@ pub(super) use table::{FAULT_KEYS, ORDER_KEYS, REMOVED};
 /// A key: its path, kind, defaults and meaning.
 #[derive(Clone, Copy, Debug)]
 pub struct Key {
-    /// Path of the key: `N` is a vehicle's id, `[N]` an index of a list. A step takes the keys of `formation` too.
+    /// Path of the key: `N` is an id, `"T/N"` a vehicle of a fleet, `[N]` an index of a list. A step takes the keys of
+    /// `formation` too.
     pub path: &'static str,
     /// Kind of the value.
     pub kind: Kind,
@@ -350,13 +351,16 @@ fn key_at(known: &'static [Key], pattern: &str) -> Option<&'static Key> {
     }
 }
 
+/// The name of a table in the path of a [`Key`] if the table is named by a vehicle of a fleet.
+const IN_TEAM: &str = "\"T/N\"";
+
 /// The scenario's key with this path.
 pub(super) fn find(path: &str) -> Option<&'static Key> {
     KEYS.iter().find(|key| key.path == path)
 }
 
 /// The path with `N` for ids and indices: `mission.steps[3].name` becomes `mission.steps[N].name`, `vehicle.3.aircraft`
-/// becomes `vehicle.N.aircraft`.
+/// becomes `vehicle.N.aircraft`, and `node."3/7".host` becomes `node."T/N".host`.
 fn pattern(known: &[Key], path: &str) -> String {
     let mut pattern = String::with_capacity(path.len());
     for (nth, segment) in path.split('.').enumerate() {
@@ -365,8 +369,13 @@ fn pattern(known: &[Key], path: &str) -> String {
         }
         if nth == 1 && has_ids(known, &pattern) {
             // A name that is not an id matches no key, not even a literal N.
-            let is_id = segment.parse::<u32>().is_ok_and(|id| id.to_string() == segment);
-            pattern.push(if is_id { 'N' } else { '?' });
+            let is_id = |text: &str| text.parse::<u32>().is_ok_and(|id| id.to_string() == text);
+            let of_team = unquoted(segment).and_then(|name| name.split_once('/'));
+            pattern.push_str(match of_team {
+                None if is_id(segment) => "N",
+                Some((team, vehicle)) if is_id(team) && is_id(vehicle) => IN_TEAM,
+                _ => "?",
+            });
             continue;
         }
         let mut parts = segment.split('[');
@@ -393,6 +402,11 @@ pub(super) fn table_with_wrong_id<'p>(known: &[Key], path: &'p str) -> Option<&'
 pub(super) fn join(table: &str, name: &str) -> String {
     let name = if is_bare(name) { name.to_owned() } else { format!("{name:?}") };
     if table.is_empty() { name } else { format!("{table}.{name}") }
+}
+
+/// The name in a quoted part of a path that [`join`] made.
+pub(super) fn unquoted(part: &str) -> Option<&str> {
+    part.strip_prefix('"')?.strip_suffix('"')
 }
 
 /// Whether a name needs no quotes in TOML.

@@ -351,10 +351,14 @@ enum Step<'a> {
     Index(usize),
 }
 
-/// Splits a path such as `mission.steps[1].name` into steps; `None` if it is not a path.
+/// Splits a path such as `mission.steps[1].name` or `node."3/7".host` into steps; `None` if it is not a path.
 fn steps(path: &str) -> Option<Vec<Step<'_>>> {
     let mut steps = Vec::new();
     for segment in path.split('.') {
+        if let Some(quoted) = keys::unquoted(segment) {
+            steps.push(Step::Name(quoted));
+            continue;
+        }
         let (name, places) = segment.split_at(segment.find('[').unwrap_or(segment.len()));
         if !keys::is_bare(name) {
             return None;
