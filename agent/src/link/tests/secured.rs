@@ -4,6 +4,7 @@
 
 mod links;
 mod messages;
+mod teams;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

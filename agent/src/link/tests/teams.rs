@@ -5,12 +5,12 @@ use skein_core::strangers::StrangerState;
 
 use super::*;
 
-fn team_trust(swarm: &SwarmName, team: u16) -> Trust {
+pub(super) fn team_trust(swarm: &SwarmName, team: u16) -> Trust {
     let fleet = load_any(&Source { name: "x", text: "fleet.teams = 3\nswarm.vehicles = 1" }, &[]).unwrap();
     Trust { team: fleet.all()[usize::from(team) - 1].scenario.team, ..trust(swarm) }
 }
 
-const HOME: Cell = Cell { x: 0, y: 0 };
+pub(super) const HOME: Cell = Cell { x: 0, y: 0 };
 const NEXT: Cell = Cell { x: 0, y: 1 };
 const FAR: Cell = Cell { x: 9, y: 9 };
 
@@ -23,7 +23,11 @@ fn three(test: &str) -> [Link; 3] {
 }
 
 /// All states of strangers received until one of them is wanted; `again` is repeated.
-fn strangers(link: &Link, mut again: impl FnMut(), wanted: impl Fn(&StrangerState) -> bool) -> Vec<StrangerState> {
+pub(super) fn strangers(
+    link: &Link,
+    mut again: impl FnMut(),
+    wanted: impl Fn(&StrangerState) -> bool,
+) -> Vec<StrangerState> {
     let mut received = Vec::new();
     let deadline = now() + TIMEOUT;
     while !received.iter().any(&wanted) {
