@@ -7,8 +7,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use skein_common::id::{SwarmName, VehicleId};
-use skein_common::scenario::{Loaded, PlantKind};
+use skein_agent::config::fleet;
+use skein_common::id::{SwarmName, VehicleName};
+use skein_common::scenario::{Described, PlantKind};
 
 use crate::landing;
 
@@ -17,12 +18,12 @@ use crate::landing;
 pub struct Inventory {
     /// Path of the cluster file.
     pub path: PathBuf,
-    /// Name of the swarm: the namespace of all its traffic and part of the services' names.
+    /// Name of the swarm or fleet: the namespace of all its traffic and part of the services' names.
     pub swarm: SwarmName,
     /// Absolute path of the scenario file.
     pub scenario_path: PathBuf,
     /// The scenario, with the name of this swarm.
-    pub scenario: Loaded,
+    pub scenario: Described,
     /// Text of the scenario file.
     pub scenario_text: String,
     /// How links are secured.
@@ -32,23 +33,20 @@ pub struct Inventory {
     /// Absolute path of the folder of keys.
     pub keys: PathBuf,
     /// The node of each vehicle.
-    pub nodes: BTreeMap<VehicleId, Node>,
+    pub nodes: BTreeMap<VehicleName, Node>,
 }
 
 impl Inventory {
-    /// Returns each agent's endpoint in Zenoh's notation.
-    pub fn endpoints(&self) -> BTreeMap<VehicleId, String> {
-        self.nodes.iter().map(|(id, node)| (*id, node.endpoint(self.security))).collect()
-    }
-
-    /// Endpoints that this agent dials: in each pair the agent with the higher id dials the other.
-    pub fn dialled_by(&self, id: VehicleId) -> Vec<String> {
-        self.nodes.range(..id).map(|(_, node)| node.endpoint(self.security)).collect()
+    /// Endpoints that this agent dials: one of each pair of linked agents dials the other.
+    pub fn dialled_by(&self, id: VehicleName) -> Vec<String> {
+        let dialled = fleet::dialled(id, self.scenario.all()).filter_map(|id| self.nodes.get(&id));
+        dialled.map(|node| node.endpoint(self.security)).collect()
     }
 
     /// Time limit for the landing of any vehicle that flies the scenario, s.
     pub fn landing_s(&self) -> f64 {
-        landing::limit_of(&self.scenario.scenario).as_secs_f64()
+        let limits = self.scenario.all().iter().map(|loaded| landing::limit_of(&loaded.scenario).as_secs_f64());
+        limits.fold(0.0, f64::max)
     }
 
     /// The folder that relative paths in the scenario start from.
@@ -70,15 +68,15 @@ pub enum SecurityKind {
 /// A node: one vehicle's agent and its host.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
-    /// Id of its vehicle.
-    pub id: VehicleId,
+    /// Its vehicle: the id, in a fleet with the team.
+    pub id: VehicleName,
     /// Its host, as given to `ssh`. `None` only if it is installed by hand.
     pub host: Option<String>,
     /// User who logs in there; `None`: according to ssh's own configuration.
     pub user: Option<String>,
     /// Address at which peers reach it: an IP address or a name. It is part of the node's certificate.
     pub address: String,
-    /// TCP port of the agent: 7446 + id.
+    /// TCP port of the agent: 7446 + id, in a fleet 7446 + number of the vehicle among those of all teams.
     pub port: u16,
     /// The kind of plant that it flies.
     pub plant: PlantKind,

@@ -4,7 +4,7 @@ pub(crate) mod certificate;
 pub(crate) mod folder;
 pub mod run;
 
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 use time::OffsetDateTime;
 
 use crate::inventory::Inventory;
@@ -15,7 +15,7 @@ use folder::Names;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// A vehicle's agent: sends this vehicle's messages.
-    Vehicle(VehicleId),
+    Vehicle(VehicleName),
     /// An observer: receives all messages and sends none.
     Observer,
     /// The operator: sends orders.

@@ -1,6 +1,8 @@
 //! Receives, decodes and verifies what the vehicles of a live swarm send. `fly`, `order`, `record` and `cluster` use
 //! it. An observer is never in the control loop: the swarm flies the same with and without it.
 
+mod teams;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -22,6 +24,7 @@ use zenoh::sample::{Locality, Sample};
 use crate::reach::Reach;
 use skein_host::clock;
 use skein_lab::error::Error;
+pub use teams::Observers;
 
 /// Capacity of the queue of received messages: two seconds of 250 vehicles. Further messages are dropped and counted.
 const QUEUE: usize = 25_000;
@@ -179,6 +182,11 @@ impl Observer {
         &self.vehicles
     }
 
+    /// The part of the key space that belongs to the swarm: in a fleet, to one team.
+    pub fn branch(&self) -> Branch {
+        self.branch
+    }
+
     /// Number of messages dropped: undecodable, forged, or received faster than they were read.
     pub fn dropped(&self) -> u64 {
         let Dropped { undecodable, forged, overflow } = &*self.dropped;
@@ -189,18 +197,21 @@ impl Observer {
     /// contact report. Without a majority it is the run that this PC began last, if any vehicle reports it, else
     /// `None`.
     pub fn run(&self) -> Option<u64> {
-        let named: Vec<u64> = self.vehicles.values().filter(|view| view.alive).filter_map(|view| view.run).collect();
-        majority(&named, named.len()).or(self.own_run.filter(|own| named.contains(own)))
+        run_in_flight(self.vehicles.values(), self.own_run)
     }
 
     /// The newest health report of a vehicle and its time of arrival. `None` unless the vehicle is in contact and sent
     /// the report in its present incarnation and in the run that the swarm flies in.
     pub fn health_of(&self, id: VehicleId) -> Option<(&Health, Instant)> {
+        self.health_in(id, self.run())
+    }
+
+    fn health_in(&self, id: VehicleId, flown: Option<u64>) -> Option<(&Health, Instant)> {
         let view = self.vehicles.get(&id).filter(|view| view.alive)?;
         let (health, at) = view.health.as_ref().zip(view.health_at)?;
         let is_of_this_life =
             view.mission.is_none_or(|mission| mission.header.incarnation <= health.header.incarnation);
-        let is_of_this_run = view.health_run.is_none_or(|run| self.run() == Some(run));
+        let is_of_this_run = view.health_run.is_none_or(|run| flown == Some(run));
         (is_of_this_life && is_of_this_run).then_some((health, at))
     }
 
@@ -291,6 +302,12 @@ impl SwarmReceiver {
             count(&self.dropped.overflow);
         }
     }
+}
+
+/// The run that these vehicles fly in; `own` is the run that this PC began last.
+fn run_in_flight<'v>(views: impl Iterator<Item = &'v VehicleView>, own: Option<u64>) -> Option<u64> {
+    let named: Vec<u64> = views.filter(|view| view.alive).filter_map(|view| view.run).collect();
+    majority(&named, named.len()).or(own.filter(|own| named.contains(own)))
 }
 
 /// The run that more than half of `all` vehicles report. A reported run of 0 means an unknown run.

@@ -108,7 +108,7 @@ pub fn run(args: &OrderArgs) -> Result<(), Error> {
 /// Gives the order to one swarm. Returns what it has changed.
 fn give(reach: &Reach, verb: Verb) -> Result<String, Error> {
     let mut observer = Observer::open(reach, TraceSubscription::Off)?;
-    wait_for_heartbeats(&mut observer, reach);
+    wait_for_heartbeats(std::slice::from_mut(&mut observer), std::slice::from_ref(reach));
     if senders(&observer).next().is_none() {
         return Err(Error::Failed(format!("no vehicle of {} answered", reach.title())));
     }
@@ -183,12 +183,13 @@ pub fn new_order(observer: &Observer, verb: Verb) -> Order {
     Order { epoch: observer.next_epoch(), issuer: crate::os::random(), verb, signature: None }
 }
 
-/// Waits until every agent has sent a heartbeat, or until `LISTEN` has passed.
-pub fn wait_for_heartbeats(observer: &mut Observer, reach: &Reach) {
+/// Waits until every agent of these swarms has sent a heartbeat, or until `LISTEN` has passed.
+pub fn wait_for_heartbeats(observers: &mut [Observer], reaches: &[Reach]) {
     let until = clock::now() + LISTEN;
-    while clock::now() < until && senders(observer).count() < reach.agents.len() {
+    let agents = reaches.iter().map(|reach| reach.agents.len()).sum();
+    while clock::now() < until && observers.iter().flat_map(senders).count() < agents {
         clock::sleep(Duration::from_millis(20));
-        observer.poll();
+        observers.iter_mut().for_each(|observer| drop(observer.poll()));
     }
 }
 

@@ -121,24 +121,16 @@ impl SwarmArgs {
     /// Returns how to connect to the chosen swarm in this role.
     ///
     /// # Errors
-    /// If the swarm is not found, or several fly here and none is chosen, or the cluster file or its keys are wrong.
+    /// As [`Self::reach_teams`], or if it is a fleet of several teams.
     pub fn reach(&self, role: Role) -> Result<Reach, Error> {
-        match (&self.swarm, &self.file) {
-            (Some(_), Some(_)) => {
-                Err(Error::Refused("give either --swarm, for a swarm on this PC, or -f, for a cluster".to_owned()))
-            }
-            (None, Some(file)) => Inventory::read(file)?.reach(role),
-            (swarm, None) => {
-                let there = endpoints::find(&endpoints::folder(), swarm.as_ref())?;
-                match there.branches().as_slice() {
-                    [branch] => Ok(Reach::here(&there, *branch)),
-                    several => Err(Error::Refused(format!(
-                        "{} is a fleet of {} teams: choose one with --team N",
-                        there.swarm,
-                        several.len()
-                    ))),
-                }
-            }
+        let mut reaches = self.reach_teams(role, &[])?;
+        match (reaches.pop(), reaches.len()) {
+            (Some(only), 0) => Ok(only),
+            (last, others) => Err(Error::Refused(format!(
+                "{} is a fleet of {} teams: choose one with --team N",
+                last.map_or_else(String::new, |last| last.swarm.to_string()),
+                others + 1
+            ))),
         }
     }
 
@@ -146,30 +138,39 @@ impl SwarmArgs {
     /// the one swarm that has no teams.
     ///
     /// # Errors
-    /// As [`Self::reach`], or if there is no such team.
+    /// If the swarm is not found, or several fly here and none is chosen, or the cluster file or its keys are wrong, or
+    /// there is no such team.
     pub fn reach_teams(&self, role: Role, teams: &[TeamId]) -> Result<Vec<Reach>, Error> {
-        if self.file.is_some() {
-            return match teams {
-                [] => Ok(vec![self.reach(role)?]),
-                _ => Err(Error::Refused("--teams: a cluster flies one swarm".to_owned())),
-            };
-        }
-        let there = endpoints::find(&endpoints::folder(), self.swarm.as_ref())?;
-        let branches = there.branches();
-        if let Some(missing) = teams.iter().find(|team| !branches.contains(&Branch::of(Some(**team)))) {
-            return Err(Error::Refused(match branches.as_slice() {
-                [only] if only.team().is_none() => format!("--teams: {} is one swarm without teams", there.swarm),
-                several => format!("fleet {} has teams 1 to {}, not {missing}", there.swarm, several.len()),
+        let mut reaches = match (&self.swarm, &self.file) {
+            (Some(_), Some(_)) => {
+                let why = "give either --swarm, for a swarm on this PC, or -f, for a cluster";
+                return Err(Error::Refused(why.to_owned()));
+            }
+            (None, Some(file)) => Inventory::read(file)?.reaches(role)?,
+            (swarm, None) => {
+                let there = endpoints::find(&endpoints::folder(), swarm.as_ref())?;
+                there.branches().into_iter().map(|branch| Reach::here(&there, branch)).collect()
+            }
+        };
+        let has = |team: TeamId| reaches.iter().any(|reach| reach.branch.team() == Some(team));
+        if let Some(missing) = teams.iter().find(|team| !has(**team)) {
+            return Err(Error::Refused(match reaches.as_slice() {
+                [only] if only.branch.team().is_none() => format!("--teams: {} is one swarm without teams", only.swarm),
+                several => {
+                    let fleet = several.first().map_or_else(String::new, |reach| reach.swarm.to_string());
+                    format!("fleet {fleet} has teams 1 to {}, not {missing}", several.len())
+                }
             }));
         }
-        let is_chosen = |branch: &Branch| teams.is_empty() || branch.team().is_some_and(|team| teams.contains(&team));
-        Ok(branches.into_iter().filter(is_chosen).map(|branch| Reach::here(&there, branch)).collect())
+        reaches.retain(|reach| teams.is_empty() || reach.branch.team().is_some_and(|team| teams.contains(&team)));
+        Ok(reaches)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inventory::tests::{TEAMS, fleet, lab};
 
     #[test]
     fn a_swarm_on_this_pc_and_a_cluster_cannot_both_be_chosen() {
@@ -179,6 +180,26 @@ mod tests {
         let missing = SwarmArgs { swarm: None, file: Some("no such/cluster.toml".into()) };
         let error = missing.reach(Role::Observer).unwrap_err();
         assert!(error.exit_code() == 2 && error.to_string().contains("no such/cluster.toml"), "{error}");
+    }
+
+    #[test]
+    fn the_teams_of_a_cluster_are_chosen_by_number() {
+        let folder = tempfile::tempdir().unwrap();
+        fleet(folder.path(), &format!("security = 'none'\n{TEAMS}")).unwrap();
+        let args = SwarmArgs { swarm: None, file: Some(folder.path().join("cluster.toml")) };
+        let teams = |numbers: &[u16]| {
+            let teams: Vec<_> = numbers.iter().map(|number| TeamId::new(*number).unwrap()).collect();
+            let reaches = args.reach_teams(Role::Operator, &teams).map_err(|error| error.to_string())?;
+            Ok::<_, String>(reaches.iter().map(|reach| (reach.title(), reach.agents.len())).collect::<Vec<_>>())
+        };
+        assert_eq!(teams(&[]).unwrap().len(), 3);
+        assert_eq!(teams(&[2]).unwrap(), [("team 2 of fleet lab".to_owned(), 3)]);
+        assert_eq!(teams(&[1, 4]).unwrap_err(), "fleet lab has teams 1 to 3, not 4");
+        let error = args.reach(Role::Observer).unwrap_err().to_string();
+        assert_eq!(error, "lab is a fleet of 3 teams: choose one with --team N");
+        let alone = lab(folder.path(), 2, "security = 'none'");
+        assert_eq!(args.reach(Role::Observer).unwrap().agents.len(), alone.nodes.len());
+        assert_eq!(teams(&[1]).unwrap_err(), "--teams: lab is one swarm without teams");
     }
 
     #[test]

@@ -55,7 +55,7 @@ impl Host {
     }
 
     fn request(ask: Ask) -> Vec<u8> {
-        let request = Request { swarm: SwarmName::new("lab").unwrap(), id: VehicleId::new(1).unwrap(), ask };
+        let request = Request { swarm: SwarmName::new("lab").unwrap(), id: VehicleId::new(1).unwrap().into(), ask };
         serde_json::to_vec(&request).unwrap()
     }
 

@@ -94,7 +94,7 @@ pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
 /// Runs all checks.
 fn check_all(inventory: &Inventory, file: &str) -> Vec<Line> {
     let hosts = by_host(inventory.nodes.values());
-    let flown = &inventory.scenario.scenario;
+    let flown = &inventory.scenario.first().scenario;
     let count = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let found = format!("{} on {}: {}", count(inventory.nodes.len(), "node"), count(hosts.len(), "host"), flown.name);
     let mut lines = vec![Line::new("this PC", "inventory", found)];

@@ -2,12 +2,13 @@
 //! ends every agent after the landing, so that nothing restarts it.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::panic::resume_unwind;
 use std::thread;
 use std::time::Duration;
 
 use crate::keys::Role;
 use serde::Serialize;
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleName};
 use skein_common::message::Verb;
 
 use super::nodes::{self, Chosen, NodesArgs, Outcome, Progress, ProgressLine, is_seconds};
@@ -17,7 +18,9 @@ use super::remote::{Fault, Remote};
 use super::ssh::{Ssh, at_once};
 use crate::inventory::Node;
 use crate::keys::run::RunFile;
+use crate::observe::Observer;
 use crate::order;
+use crate::reach::Reach;
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -77,7 +80,7 @@ pub(super) struct Landed {
     pub(super) order: String,
     pub(super) nodes: Vec<Outcome>,
     /// Vehicles whose agent was ended before they had landed.
-    pub(super) forced: BTreeSet<VehicleId>,
+    pub(super) forced: BTreeSet<VehicleName>,
 }
 
 /// Lands the chosen vehicles and ends their agents.
@@ -89,11 +92,11 @@ pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: O
     let until = clock::now() + Duration::from_secs_f64(timeout_s);
     let all = chosen.ids.len() == chosen.inventory.nodes.len();
     let line = progress.line(&"swarm");
-    let (mut watch, order) = match chosen.inventory.reach(Role::Operator) {
+    let (mut watch, order) = match chosen.inventory.reaches(Role::Operator) {
         // An order over the mesh is for all vehicles.
-        Ok(reach) if all => {
-            let mut watch = Watch::open(&reach, 0)?;
-            let order = order_to_land(&mut watch, &reach, &line);
+        Ok(reaches) if all => {
+            let mut watch = Watch::open(&reaches, 0)?;
+            let order = order_to_land(&mut watch, &reaches, &line);
             (Some(watch), order)
         }
         Ok(_) => (None, "landed each by its own host".to_owned()),
@@ -101,7 +104,7 @@ pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: O
     };
     line.say(&order);
     let was_ordered = watch.is_some();
-    let received: BTreeSet<VehicleId> = match &watch {
+    let received: BTreeSet<VehicleName> = match &watch {
         Some(watch) => chosen.ids.iter().copied().filter(|id| watch.is_there(*id)).collect(),
         None => BTreeSet::new(),
     };
@@ -165,26 +168,44 @@ fn became(node: &Node, mesh: Mesh, done: Option<Result<Stopped, Fault>>) -> Outc
     outcome
 }
 
-/// Sends the order to land and describes the result.
-fn order_to_land(watch: &mut Watch, reach: &crate::reach::Reach, line: &ProgressLine<'_>) -> String {
+/// Sends the order to land, to all teams at once, and describes the result.
+fn order_to_land(watch: &mut Watch, reaches: &[Reach], line: &ProgressLine<'_>) -> String {
     line.say("listening who flies");
-    order::wait_for_heartbeats(&mut watch.observer, reach);
-    let there = watch.observer.vehicles().values().filter(|view| view.alive).count();
+    let observers = watch.observers.each();
+    order::wait_for_heartbeats(observers, reaches);
+    let there = observers.iter().flat_map(|observer| observer.vehicles().values()).filter(|view| view.alive).count();
     if there == 0 {
         return "no vehicle was in contact on the network".to_owned();
     }
     line.say(&format!("ordering {there} vehicles to land"));
-    order::note_order(reach, Verb::Land);
-    let order = order::new_order(&watch.observer, Verb::Land);
-    match order::distribute(&mut watch.observer, &order) {
-        Ok((taken, unresponsive)) if unresponsive.is_empty() => {
-            format!("ordered to land: taken by node {}", nodes::list(&taken))
+    reaches.iter().take(1).for_each(|reach| order::note_order(reach, Verb::Land));
+    let results: Vec<Result<_, Error>> = thread::scope(|scope| {
+        let land = |observer: &mut Observer| {
+            let order = order::new_order(observer, Verb::Land);
+            let (taken, unresponsive) = order::distribute(observer, &order)?;
+            let named = |ids: Vec<VehicleId>| ids.into_iter().map(|id| observer.branch().name(id)).collect::<Vec<_>>();
+            Ok((named(taken), named(unresponsive)))
+        };
+        let landing: Vec<_> = observers.iter_mut().map(|observer| scope.spawn(move || land(observer))).collect();
+        landing.into_iter().map(|landing| landing.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    });
+    let (mut taken, mut unresponsive, mut failures) = (Vec::new(), Vec::new(), Vec::new());
+    for result in results {
+        match result {
+            Ok(of_team) => {
+                taken.extend(of_team.0);
+                unresponsive.extend(of_team.1);
+            }
+            Err(error) => failures.push(format!("not ordered to land: {error}")),
         }
-        Ok((taken, unresponsive)) => {
-            format!("ordered to land: taken by node {}, not by {}", nodes::list(&taken), nodes::list(&unresponsive))
-        }
-        Err(error) => format!("not ordered to land: {error}"),
     }
+    let mut parts = Vec::new();
+    if !taken.is_empty() || !unresponsive.is_empty() {
+        let not = if unresponsive.is_empty() { "" } else { &format!(", not by {}", nodes::list(&unresponsive)) };
+        parts.push(format!("ordered to land: taken by node {}{not}", nodes::list(&taken)));
+    }
+    parts.extend(failures);
+    parts.join("; ")
 }
 
 /// How an agent ended.
@@ -199,7 +220,7 @@ enum Stopped {
 }
 
 /// Result for each node, and how long it took, s.
-type ByHost = BTreeMap<VehicleId, (Result<Stopped, Fault>, f64)>;
+type ByHost = BTreeMap<VehicleName, (Result<Stopped, Fault>, f64)>;
 
 /// Ends every agent over ssh, after its landing, so that nothing restarts it.
 fn stop_all(chosen: &Chosen, remote: &Remote<'_>, progress: &Progress, within_s: f64) -> ByHost {

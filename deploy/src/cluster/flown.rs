@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use skein_agent::link::signature::VerificationKey;
 use skein_agent::link::signature::runs::RunNote;
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::{SwarmName, VehicleName};
 
 use super::nodes::list;
 use crate::keys::run::Record;
@@ -17,7 +17,7 @@ pub(super) struct Evidence<'a> {
     /// Number of vehicles in the swarm.
     pub(super) vehicles: usize,
     /// The run that each vehicle flies in, as reported by itself over the mesh, or else by its host.
-    pub(super) reported: BTreeMap<VehicleId, u64>,
+    pub(super) reported: BTreeMap<VehicleName, u64>,
     /// This PC's record of the run that it began last.
     pub(super) own: Option<Record>,
     /// Notes of runs by the operator that the hosts keep, in any order; only signed notes are used.
@@ -71,7 +71,7 @@ impl Evidence<'_> {
 
     /// Formats the reports: `node 1, 2 in run 7; node 3 in run 8 reported to fly`.
     fn to_text(&self) -> String {
-        let mut runs = BTreeMap::<u64, Vec<VehicleId>>::new();
+        let mut runs = BTreeMap::<u64, Vec<VehicleName>>::new();
         self.reported.iter().for_each(|(id, run)| runs.entry(*run).or_default().push(*id));
         let parts = runs.iter().map(|(run, ids)| format!("node {} in run {run}", list(ids)));
         format!("{} reported to fly", parts.collect::<Vec<_>>().join("; "))

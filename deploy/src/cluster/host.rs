@@ -31,7 +31,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 use skein_agent::config::AgentOptions;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use super::protocol::{Answer, Ask, Request};
 use crate::capacity::{self, Demand};
@@ -44,10 +44,10 @@ use skein_lab::error::Error;
 pub struct NodeArgs {
     /// Instead of answering a request: start this node's agent, and restart it whenever it has failed
     #[arg(long, value_name = "N", conflicts_with = "fly")]
-    pub supervise: Option<VehicleId>,
+    pub supervise: Option<VehicleName>,
     /// Instead of answering a request: become this node's agent
     #[arg(long, value_name = "N")]
-    pub fly: Option<VehicleId>,
+    pub fly: Option<VehicleName>,
 }
 
 /// Answers one request, supervises an agent, or becomes an agent, according to the options.

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::Serialize;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use super::bundle::Bundle;
 use super::nodes::{self, Chosen, NodesArgs, Progress, ProgressLine, is_seconds};
@@ -96,7 +96,7 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     } else {
         row::table(&report.nodes, args.dry_run)
     });
-    let failed: Vec<VehicleId> = report.nodes.iter().filter(|row| row.why.is_some()).map(|row| row.node).collect();
+    let failed: Vec<VehicleName> = report.nodes.iter().filter(|row| row.why.is_some()).map(|row| row.node).collect();
     nodes::fail_if_any(&failed, report.nodes.len(), "failed")
 }
 
@@ -113,7 +113,7 @@ impl Given {
 }
 
 /// Reads and checks everything before the first host is called.
-fn prepare(chosen: &Chosen) -> Result<BTreeMap<VehicleId, Given>, Error> {
+fn prepare(chosen: &Chosen) -> Result<BTreeMap<VehicleName, Given>, Error> {
     let mut programs = BTreeMap::<Option<PathBuf>, Arc<Program>>::new();
     let mut given = BTreeMap::new();
     for node in chosen.nodes() {
@@ -133,7 +133,7 @@ fn prepare(chosen: &Chosen) -> Result<BTreeMap<VehicleId, Given>, Error> {
 struct Install<'a> {
     args: &'a InstallArgs,
     remote: Remote<'a>,
-    given: &'a BTreeMap<VehicleId, Given>,
+    given: &'a BTreeMap<VehicleName, Given>,
     progress: &'a Progress,
 }
 

@@ -59,7 +59,7 @@ impl FromStr for Whose {
             "operator" => Ok(Self::One(Role::Operator)),
             id => match id.parse() {
                 Ok(id) => Ok(Self::One(Role::Vehicle(id))),
-                Err(_) => Err("has to be a vehicle's number, observer, operator or all".to_owned()),
+                Err(_) => Err("has to be a vehicle's number, in a fleet 3/7, or observer, operator or all".to_owned()),
             },
         }
     }

@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use serde::Serialize;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use super::nodes::{self, Chosen};
 use super::remote::{Fault, Remote};
@@ -29,7 +29,7 @@ const COLOURS: [u8; 6] = [36, 33, 32, 35, 34, 96];
 pub struct LogsArgs {
     /// Only these nodes; without any all
     #[arg(value_name = "NODE", value_parser = node)]
-    pub nodes: Vec<VehicleId>,
+    pub nodes: Vec<VehicleName>,
     /// The cluster's file
     #[arg(short = 'f', long, value_name = "CLUSTER.toml", default_value = "cluster.toml", value_parser = file)]
     #[arg(num_args = 0..=1, default_missing_value = "")]
@@ -48,11 +48,11 @@ pub struct LogsArgs {
     pub json: bool,
 }
 
-fn node(text: &str) -> Result<VehicleId, String> {
+fn node(text: &str) -> Result<VehicleName, String> {
     text.strip_prefix("node-")
         .unwrap_or(text)
         .parse()
-        .map_err(|_| "not a node's number; the cluster's file is named with -f".to_owned())
+        .map_err(|_| "not a node's number, nor a name such as 3/7; the cluster's file is named with -f".to_owned())
 }
 
 /// The cluster's file. `-f` once meant to follow the logs: without a file, or with a node behind it, it is refused.
@@ -105,7 +105,7 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
 /// A line of a node's log.
 #[derive(Debug, Serialize)]
 struct LogLine {
-    node: VehicleId,
+    node: VehicleName,
     line: String,
 }
 
@@ -165,7 +165,10 @@ impl Writer {
         let name = name(entry.node);
         let name = match self.colours {
             true => {
-                format!("\u{1b}[{}m{name:width$} |\u{1b}[0m", COLOURS[usize::from(entry.node.get()) % COLOURS.len()])
+                format!(
+                    "\u{1b}[{}m{name:width$} |\u{1b}[0m",
+                    COLOURS[usize::from(entry.node.vehicle.get()) % COLOURS.len()]
+                )
             }
             false => format!("{name:width$} |"),
         };
@@ -173,6 +176,6 @@ impl Writer {
     }
 }
 
-fn name(id: VehicleId) -> String {
+fn name(id: VehicleName) -> String {
     format!("node-{id}")
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use serde::Serialize;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 use skein_common::printable::printable_lines;
 
 use super::FileArgs;
@@ -28,7 +28,7 @@ pub struct NodesArgs {
     pub file: FileArgs,
     /// Only these nodes; without it all
     #[arg(long = "node", value_name = "N", num_args = 1..)]
-    pub nodes: Vec<VehicleId>,
+    pub nodes: Vec<VehicleName>,
     /// Say every ssh command before it runs
     #[arg(short, long)]
     pub verbose: bool,
@@ -63,7 +63,7 @@ pub struct Chosen {
     /// The whole cluster.
     pub inventory: Inventory,
     /// Ids of the chosen nodes.
-    pub ids: BTreeSet<VehicleId>,
+    pub ids: BTreeSet<VehicleName>,
 }
 
 impl Chosen {
@@ -71,7 +71,7 @@ impl Chosen {
     ///
     /// # Errors
     /// If the file is wrong, or has no such node.
-    pub fn read(path: &Path, ids: &[VehicleId]) -> Result<Self, Error> {
+    pub fn read(path: &Path, ids: &[VehicleName]) -> Result<Self, Error> {
         let inventory = Inventory::read(path)?;
         if let Some(id) = ids.iter().find(|id| !inventory.nodes.contains_key(id)) {
             return Err(Error::Refused(format!("{}: has no node {id}", path.display())));
@@ -101,7 +101,7 @@ impl Chosen {
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
     /// Id of the node.
-    pub node: VehicleId,
+    pub node: VehicleName,
     /// Its host.
     pub host: String,
     /// What was done, briefly.
@@ -147,7 +147,7 @@ impl Outcome {
     /// # Errors
     /// If any node failed: which ones.
     pub fn fail_if_any(all: &[Self], what: &str) -> Result<(), Error> {
-        let failed: Vec<VehicleId> = all.iter().filter(|one| one.why.is_some()).map(|one| one.node).collect();
+        let failed: Vec<VehicleName> = all.iter().filter(|one| one.why.is_some()).map(|one| one.node).collect();
         fail_if_any(&failed, all.len(), what)
     }
 }
@@ -247,14 +247,37 @@ pub fn is_seconds(text: &str) -> Result<f64, String> {
 ///
 /// # Errors
 /// If the list is not empty.
-pub fn fail_if_any(failed: &[VehicleId], of: usize, what: &str) -> Result<(), Error> {
+pub fn fail_if_any(failed: &[VehicleName], of: usize, what: &str) -> Result<(), Error> {
     if failed.is_empty() {
         return Ok(());
     }
     Err(Error::Failed(format!("{} of {of} {what}: node {}", failed.len(), list(failed))))
 }
 
-/// Formats ids as a list: `1, 2, 5`.
-pub fn list<'a>(ids: impl IntoIterator<Item = &'a VehicleId>) -> String {
-    ids.into_iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ")
+/// Formats sorted ids as a list: `1, 2, 5`; those of a fleet by team, `1/1-8, 3/2, 3/5-6`.
+pub fn list<'a>(ids: impl IntoIterator<Item = &'a VehicleName>) -> String {
+    let ids: Vec<VehicleName> = ids.into_iter().copied().collect();
+    let is_next = |one: &VehicleName, next: &VehicleName| {
+        one.team.is_some() && one.team == next.team && one.vehicle.get() + 1 == next.vehicle.get()
+    };
+    let parts = ids.chunk_by(is_next).map(|run| match run {
+        [first, .., last] => format!("{first}-{}", last.vehicle),
+        few => few.iter().map(VehicleName::to_string).collect(),
+    });
+    parts.collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nodes_of_a_fleet_are_listed_by_team() {
+        let listed = |names: &str| {
+            let names: Vec<VehicleName> = names.split(' ').map(|name| name.parse().unwrap()).collect();
+            list(&names)
+        };
+        assert_eq!(listed("1 2 3 5"), "1, 2, 3, 5");
+        assert_eq!(listed("1/1 1/2 1/3 2/4 3/1 3/3 3/4"), "1/1-3, 2/4, 3/1, 3/3-4");
+    }
 }

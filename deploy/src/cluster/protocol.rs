@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 use skein_agent::link::signature::runs::RunNote;
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::{SwarmName, VehicleName};
 
 use super::bundle::Bundle;
 use crate::inventory::ServiceKind;
@@ -14,7 +14,7 @@ pub struct Request {
     /// Name of the swarm.
     pub swarm: SwarmName,
     /// Id of the agent's vehicle.
-    pub id: VehicleId,
+    pub id: VehicleName,
     /// The task.
     pub ask: Ask,
 }

@@ -4,10 +4,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::{Incarnation, VehicleName};
 use skein_common::state::Membership;
 
-use crate::observe::{Observer, TraceSubscription, VehicleView};
+use crate::observe::{Observers, TraceSubscription, VehicleView};
 use crate::reach::Reach;
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -17,41 +17,41 @@ pub const CONTACT_TIMEOUT: Duration = Duration::from_secs(3);
 /// Interval at which received messages are read.
 pub(super) const POLL_PERIOD: Duration = Duration::from_millis(10);
 
-/// Observes a swarm until vehicles reach a state.
+/// Observes a swarm or a fleet until vehicles reach a state.
 pub struct Watch {
-    /// The observer, with the newest data of every vehicle.
-    pub observer: Observer,
+    /// The observers, with the newest data of every vehicle.
+    pub observers: Observers,
     /// The run that vehicles must fly in to be ready.
     pub run: u64,
 }
 
 impl Watch {
-    /// Connects to the swarm.
+    /// Connects to the swarm, or to all teams of the fleet.
     ///
     /// # Errors
     /// If Zenoh refuses.
-    pub fn open(reach: &Reach, run: u64) -> Result<Self, Error> {
-        Ok(Self { observer: Observer::open(reach, TraceSubscription::Off)?, run })
+    pub fn open(reaches: &[Reach], run: u64) -> Result<Self, Error> {
+        Ok(Self { observers: Observers::open(reaches, TraceSubscription::Off)?, run })
     }
 
     /// Returns why this vehicle is not ready, if so. It must run in an incarnation newer than `after`.
-    pub fn lacks(&self, id: VehicleId, after: Option<Incarnation>) -> Option<String> {
-        lacks(self.observer.vehicles().get(&id), self.run, after)
+    pub fn lacks(&self, id: VehicleName, after: Option<Incarnation>) -> Option<String> {
+        lacks(self.observers.view(id), self.run, after)
     }
 
     /// Returns the run that each vehicle in contact reports, where messages are signed.
-    pub fn reported_runs(&mut self) -> BTreeMap<VehicleId, u64> {
-        self.observer.poll();
-        let there = self.observer.vehicles().iter().filter(|(_, view)| view.alive);
-        there.filter_map(|(id, view)| Some((*id, view.run.filter(|run| *run != 0)?))).collect()
+    pub fn reported_runs(&mut self) -> BTreeMap<VehicleName, u64> {
+        self.observers.poll();
+        let there = self.observers.views().filter(|(_, view)| view.alive);
+        there.filter_map(|(id, view)| Some((id, view.run.filter(|run| *run != 0)?))).collect()
     }
 
     /// Returns the vehicle's present incarnation, after waiting up to [`CONTACT_TIMEOUT`] for a heartbeat.
-    pub fn incarnation(&mut self, id: VehicleId) -> Option<Incarnation> {
+    pub fn incarnation(&mut self, id: VehicleName) -> Option<Incarnation> {
         let until = clock::now() + CONTACT_TIMEOUT;
         loop {
-            self.observer.poll();
-            let mission = self.observer.vehicles().get(&id).and_then(|view| view.mission.as_ref());
+            self.observers.poll();
+            let mission = self.observers.view(id).and_then(|view| view.mission.as_ref());
             if mission.is_some() || clock::now() >= until {
                 return mission.map(|mission| mission.header.incarnation);
             }
@@ -60,21 +60,21 @@ impl Watch {
     }
 
     /// Whether the vehicle is in contact.
-    pub fn is_there(&self, id: VehicleId) -> bool {
-        self.observer.vehicles().get(&id).is_some_and(|view| view.alive)
+    pub fn is_there(&self, id: VehicleName) -> bool {
+        self.observers.view(id).is_some_and(|view| view.alive)
     }
 
     /// Waits until all these vehicles are ready, each in an incarnation newer than the given one and at most until its
     /// own deadline `until`. Calls `report` for each vehicle as it gets ready. Returns the vehicles that are not ready.
     pub fn ready(
         &mut self,
-        ids: &BTreeMap<VehicleId, Option<Incarnation>>,
-        until: impl Fn(VehicleId) -> Instant,
-        mut report: impl FnMut(VehicleId),
-    ) -> BTreeSet<VehicleId> {
-        let mut missing: BTreeSet<VehicleId> = ids.keys().copied().collect();
+        ids: &BTreeMap<VehicleName, Option<Incarnation>>,
+        until: impl Fn(VehicleName) -> Instant,
+        mut report: impl FnMut(VehicleName),
+    ) -> BTreeSet<VehicleName> {
+        let mut missing: BTreeSet<VehicleName> = ids.keys().copied().collect();
         loop {
-            self.observer.poll();
+            self.observers.poll();
             missing.retain(|id| {
                 let is_missing = self.lacks(*id, ids[id]).is_some();
                 if !is_missing {
@@ -94,13 +94,13 @@ impl Watch {
     /// Returns the vehicles still in contact.
     pub fn gone(
         &mut self,
-        ids: &BTreeSet<VehicleId>,
+        ids: &BTreeSet<VehicleName>,
         until: Instant,
-        mut report: impl FnMut(VehicleId),
-    ) -> BTreeSet<VehicleId> {
+        mut report: impl FnMut(VehicleName),
+    ) -> BTreeSet<VehicleName> {
         let mut reported = BTreeSet::new();
         loop {
-            self.observer.poll();
+            self.observers.poll();
             // A vehicle that was lost only briefly returns and is waited for again.
             let (there, gone): (BTreeSet<_>, BTreeSet<_>) = ids.iter().partition(|id| self.is_there(**id));
             for id in &gone {

@@ -25,7 +25,7 @@ const PROBE: &str = r#"echo "skein platform $(uname -sm)"; echo "skein libc $(ge
 /// Script that copies the program: `$2` is the release, `$3` the checksum, `$4` the version that the program must
 /// print. If anything fails, nothing is left.
 const COPY: &str = r#"umask 077; b=$1; d="$1/releases/$2"; f="$d/draft.$$"; c() { rm -f -- "$f"; rmdir -- "$d" "$b/releases" "$b" "${b%/*}" 2>/dev/null; }; trap c EXIT; trap "exit 1" HUP INT TERM; mkdir -p -- "$d" && cat > "$f" || exit 1; s=$(sha256sum < "$f"); if [ "${s%% *}" != "$3" ]; then echo "the program was damaged during the copy" >&2; exit 1; fi; chmod 700 "$f" || exit 1; v=$("$f" --version) || exit 1; if [ "$v" != "$4" ]; then echo "the program reports version $v, not $4" >&2; exit 1; fi; mv -f -- "$f" "$d/skein""#;
-/// Script that passes a request to a program: `$2` is the node. The program that the node runs next answers, or without
+/// Script that passes a request to a program: `$2` is the node, without `/`. The program that the node runs next answers, or without
 /// one any program of the swarm.
 const NODE: &str = r#"p=$(readlink -- "$1/node-$2/current"); p=${p##*/}; for p in "$1/releases/${p%_*}/skein" "$1"/releases/*/skein; do if [ -x "$p" ]; then exec "$p" node; fi; done; echo skein: not installed"#;
 
@@ -79,7 +79,7 @@ impl Remote<'_> {
     /// # Errors
     /// If the host cannot be reached, nothing is installed, or the node answers that it failed.
     pub fn ask(&self, host: &Host, node: &Node, ask: Ask) -> Result<Answer, Fault> {
-        self.ask_program(host, &self.script(node, NODE, &[&node.id.to_string()]), node, ask)
+        self.ask_program(host, &self.script(node, NODE, &[&node.id.dashed()]), node, ask)
     }
 
     /// Like [`Self::ask`], but the program of this release answers.
@@ -111,7 +111,7 @@ impl Remote<'_> {
         (lines, follow): (usize, bool),
         mut line: impl FnMut(&str),
     ) -> Result<(), Fault> {
-        let script = self.script(node, NODE, &[&node.id.to_string()]);
+        let script = self.script(node, NODE, &[&node.id.dashed()]);
         let mut is_installed = true;
         let request = self.request(node, Ask::Log { lines, follow });
         let ended = self.ssh.lines(host, &script, &request, |text| match text == NOT_INSTALLED {

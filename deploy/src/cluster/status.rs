@@ -9,15 +9,16 @@ use std::time::{Duration, Instant};
 use crate::explain::columns;
 use crate::keys::Role;
 use serde::Serialize;
-use skein_common::id::VehicleId;
+use skein_common::id::{TeamId, VehicleName};
 use skein_common::message::Health;
 use skein_common::printable::printable;
 use skein_common::state::{Activity, PeerStatus};
 
 use super::FileArgs;
 use super::clocks::ahead_of_swarm;
+use super::nodes;
 use crate::inventory::{Inventory, Node};
-use crate::observe::{Observer, TraceSubscription};
+use crate::observe::{Observers, TraceSubscription};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
@@ -51,17 +52,20 @@ pub struct StatusArgs {
 /// Status of the nodes of a swarm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SwarmStatus {
-    /// Name of the swarm.
+    /// Name of the swarm or fleet.
     pub swarm: String,
-    /// Status of every node, in the order of ids.
+    /// Status of every node, in the order of ids, in a fleet by team.
     pub nodes: Vec<NodeStatus>,
 }
 
 /// Status of one node.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeStatus {
-    /// Id of its vehicle.
-    pub id: VehicleId,
+    /// Its vehicle: the id, in a fleet with the team.
+    pub id: VehicleName,
+    /// The team of the fleet that it flies in, if it flies in one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub team: Option<TeamId>,
     /// Its host as given to `ssh`, if any.
     pub host: Option<String>,
     /// Endpoint of its agent.
@@ -86,7 +90,7 @@ pub struct HealthReport {
     pub frame_rate_hz: f64,
     /// Largest distance between two frames beyond their period over the last second, ms.
     pub jitter_ms: f64,
-    /// Number of peers that it receives.
+    /// Number of peers of its swarm or team that it receives.
     pub peers_seen: usize,
     /// Number of peers that there should be.
     pub peers: usize,
@@ -136,14 +140,16 @@ impl SwarmStatus {
     }
 
     /// Determines the status of this cluster from the received messages.
-    fn of(inventory: &Inventory, observer: &Observer, now: Instant) -> Self {
-        let node = |(id, node): (&VehicleId, &Node)| {
+    fn of(inventory: &Inventory, observer: &Observers, now: Instant) -> Self {
+        let node = |(id, node): (&VehicleName, &Node)| {
+            let peers = inventory.nodes.keys().filter(|other| other.team == id.team).count() - 1;
             let health = observer.health_of(*id).filter(|(_, at)| now.saturating_duration_since(*at) < SILENT);
             NodeStatus {
                 id: *id,
+                team: id.team,
                 host: node.host.clone(),
                 endpoint: node.endpoint(inventory.security),
-                report: health.map(|(health, _)| HealthReport::of(health, inventory.nodes.len() - 1)),
+                report: health.map(|(health, _)| HealthReport::of(health, peers)),
                 why: if health.is_some() { None } else { stray(observer, *id) },
             }
         };
@@ -152,8 +158,8 @@ impl SwarmStatus {
 }
 
 /// Returns why the reports of a vehicle in contact are rejected, if that is because of its run.
-fn stray(observer: &Observer, id: VehicleId) -> Option<String> {
-    let run = observer.vehicles().get(&id).filter(|view| view.alive)?.run?;
+fn stray(observer: &Observers, id: VehicleName) -> Option<String> {
+    let run = observer.view(id).filter(|view| view.alive)?.run?;
     match observer.run() {
         Some(flown) if flown == run => None,
         Some(flown) => Some(format!("flies in run {run}, and the swarm in run {flown}")),
@@ -207,7 +213,7 @@ impl HealthReport {
 /// If the swarm cannot be observed, a node does not report, or one is faulty.
 pub fn run(args: &StatusArgs) -> Result<(), Error> {
     let inventory = Inventory::read(&args.file.file)?;
-    let mut observer = Observer::open(&inventory.reach(Role::Observer)?, TraceSubscription::Off)?;
+    let mut observer = Observers::open(&inventory.reaches(Role::Observer)?, TraceSubscription::Off)?;
     let file = args.file.file.display().to_string();
     let mut until = clock::now() + LISTEN;
     let mut is_first = true;
@@ -224,7 +230,7 @@ pub fn run(args: &StatusArgs) -> Result<(), Error> {
 }
 
 /// Receives messages until `until`, or if `early` until every node has reported.
-fn listen(observer: &mut Observer, inventory: &Inventory, until: Instant, early: bool) {
+fn listen(observer: &mut Observers, inventory: &Inventory, until: Instant, early: bool) {
     loop {
         observer.poll();
         let all = inventory.nodes.keys().all(|id| observer.health_of(*id).is_some());
@@ -264,8 +270,7 @@ fn fitted(text: &str) -> String {
 
 fn verdict(status: &SwarmStatus) -> Result<(), Error> {
     let ids = |wanted: fn(&NodeStatus) -> bool| {
-        let ids = status.nodes.iter().filter(|node| wanted(node)).map(|node| node.id.to_string());
-        ids.collect::<Vec<_>>().join(", ")
+        nodes::list(status.nodes.iter().filter(|node| wanted(node)).map(|node| &node.id))
     };
     let silent = ids(|node| node.report.is_none());
     let faulty = ids(|node| node.report.as_ref().is_some_and(|report| !report.faults.is_empty()));

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use super::down;
 use super::nodes::{self, NodesArgs, Outcome, is_seconds};
@@ -55,8 +55,8 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
         let flies = |node: &&Node| (node.id, flies(host, remote.ask(host, node, Ask::Facts)));
         nodes.iter().map(flies).collect::<Vec<_>>()
     });
-    let asked: BTreeMap<VehicleId, Result<bool, String>> = asked.into_iter().flatten().collect();
-    let flying: Vec<VehicleId> = asked.iter().filter(|(_, flies)| **flies == Ok(true)).map(|(id, _)| *id).collect();
+    let asked: BTreeMap<VehicleName, Result<bool, String>> = asked.into_iter().flatten().collect();
+    let flying: Vec<VehicleName> = asked.iter().filter(|(_, flies)| **flies == Ok(true)).map(|(id, _)| *id).collect();
     let mut forced = BTreeSet::new();
     if !flying.is_empty() {
         if !args.force {

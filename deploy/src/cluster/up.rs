@@ -9,7 +9,7 @@ use crate::reach::Reach;
 use ring::rand::{SecureRandom, SystemRandom};
 use serde::Serialize;
 use skein_agent::link::signature::runs::RunNote;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use super::flown::Evidence;
 use super::nodes::{self, Chosen, NodesArgs, Progress, is_seconds};
@@ -57,7 +57,7 @@ struct Report {
 
 #[derive(Clone, Debug, Serialize)]
 struct Row {
-    node: VehicleId,
+    node: VehicleName,
     host: String,
     state: State,
     /// Whether it flew before.
@@ -84,13 +84,13 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let chosen = args.nodes.read()?;
     let ssh = args.nodes.ssh();
     let progress = args.nodes.progress();
-    let reach = chosen.inventory.reach(Role::Operator)?;
+    let reaches = chosen.inventory.reaches(Role::Operator)?;
     // Receive from the beginning, so that the vehicles in flight are known when the last host has answered.
-    let mut watch = Watch::open(&reach, 0)?;
+    let mut watch = Watch::open(&reaches, 0)?;
     let contact_deadline = clock::now() + CONTACT_TIMEOUT;
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
-    let mut rows: BTreeMap<VehicleId, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
+    let mut rows: BTreeMap<VehicleName, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
     let (running, notes) = up.ask(&mut rows);
     let asked_s = progress.seconds();
     if !args.anyway {
@@ -105,7 +105,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     }
     let until = if may_fly_unasked(&chosen.inventory, &running) { contact_deadline } else { clock::now() };
     let note;
-    (watch.run, note) = run_of(&mut watch, &reach, &running, &notes, until)?;
+    (watch.run, note) = run_of(&mut watch, &reaches, &running, &notes, until)?;
     up.start((watch.run, note), &running, &mut rows);
     let started_s = progress.seconds();
     up.wait(&mut watch, Duration::from_secs_f64(args.timeout_s), &mut rows);
@@ -115,13 +115,13 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let swarm = chosen.inventory.swarm.to_string();
     let report = Report { swarm, run: watch.run, asked_s, started_s, seconds, nodes: rows.into_values().collect() };
     skein_lab::terminal::say(&if args.nodes.json { skein_lab::terminal::json(&report) } else { report.to_text() });
-    let missing: Vec<VehicleId> =
+    let missing: Vec<VehicleName> =
         report.nodes.iter().filter(|row| row.state == State::Missing).map(|row| row.node).collect();
     nodes::fail_if_any(&missing, report.nodes.len(), "not ready")
 }
 
 /// The running agent of each node whose host could be asked; `None` if none is running.
-type RunningAgents = BTreeMap<VehicleId, Option<RunningAgent>>;
+type RunningAgents = BTreeMap<VehicleName, Option<RunningAgent>>;
 
 /// Whether a vehicle may fly of which no host has reported: it is installed by hand, was not chosen, or its host cannot
 /// be asked. A new run must not be begun beside its run. Where messages are not signed, they name no run, so this does
@@ -134,15 +134,18 @@ fn may_fly_unasked(inventory: &Inventory, running: &RunningAgents) -> bool {
 /// one.
 fn run_of(
     watch: &mut Watch,
-    reach: &Reach,
+    reaches: &[Reach],
     running: &RunningAgents,
     notes: &[RunNote],
     until: Instant,
 ) -> Result<(u64, Option<RunNote>), Error> {
-    let by_hosts: BTreeMap<VehicleId, u64> =
+    let by_hosts: BTreeMap<VehicleName, u64> =
         running.iter().filter_map(|(id, agent)| Some((*id, agent.as_ref()?.run))).collect();
-    let Some(((key, signing_key), file)) =
-        reach.orders_key.zip(reach.signing_key.as_ref()).zip(reach.run_file.as_ref())
+    // All teams of a fleet fly in one run, with the same keys.
+    let signed = |reach: &'_ Reach| Some((reach.orders_key?, reach.signing_key.clone()?, reach.run_file.clone()?));
+    let vehicles = reaches.iter().map(|reach| reach.agents.len()).sum();
+    let Some((swarm, (key, signing_key, file))) =
+        reaches.first().and_then(|reach| Some((&reach.swarm, signed(reach)?)))
     else {
         // Messages are not signed for a run here, so any run will do.
         return Ok((by_hosts.into_values().next().map_or_else(draw, Ok)?, None));
@@ -151,22 +154,22 @@ fn run_of(
     let evidence = loop {
         let mut reported = by_hosts.clone();
         reported.extend(watch.reported_runs());
-        let evidence = Evidence { vehicles: reach.agents.len(), reported, own, notes };
+        let evidence = Evidence { vehicles, reported, own, notes };
         if evidence.majority().is_some() || clock::now() >= until {
             break evidence;
         }
         clock::sleep(POLL_PERIOD);
     };
-    let joined = evidence.run(&key, &reach.swarm).map_err(Error::Refused)?;
-    if let Some(own) = own.filter(|own| joined == Some(own.note.run) && own.note.is_signed(&key, &reach.swarm)) {
+    let joined = evidence.run(&key, swarm).map_err(Error::Refused)?;
+    if let Some(own) = own.filter(|own| joined == Some(own.note.run) && own.note.is_signed(&key, swarm)) {
         return Ok((own.note.run, Some(own.note)));
     }
     let run = joined.map_or_else(draw, Ok)?;
     let now_ms = clock::Utc::read().nanoseconds(clock::now()) / 1_000_000;
-    let signed = notes.iter().filter(|note| note.is_signed(&key, &reach.swarm));
+    let signed = notes.iter().filter(|note| note.is_signed(&key, swarm));
     let latest_ms = signed.chain(own.iter().map(|own| &own.note)).map(|note| note.began_ms).max();
     let began_ms = latest_ms.map_or(now_ms, |latest_ms| now_ms.max(latest_ms.saturating_add(1)));
-    let note = RunNote::new(signing_key, &reach.swarm, run, began_ms);
+    let note = RunNote::new(&signing_key, swarm, run, began_ms);
     // Record the run before anything is started in it.
     file.keep(&Record::of(note))?;
     Ok((run, Some(note)))
@@ -181,7 +184,7 @@ struct Up<'a> {
 impl Up<'_> {
     /// Asks what is running already, and for the notes of runs that hosts keep. A host that cannot be asked is noted in
     /// its rows.
-    fn ask(&self, rows: &mut BTreeMap<VehicleId, Row>) -> (RunningAgents, Vec<RunNote>) {
+    fn ask(&self, rows: &mut BTreeMap<VehicleName, Row>) -> (RunningAgents, Vec<RunNote>) {
         let asked = at_once(&self.chosen.hosts(), |(host, nodes)| {
             let line = self.progress.line(host);
             line.say("asking what runs");
@@ -217,7 +220,7 @@ impl Up<'_> {
 
     /// Returns a text for each host that would have to run more agents than it can, measured there. A host that cannot
     /// be measured is reported and left to its operator.
-    fn full(&self, running: &RunningAgents, rows: &BTreeMap<VehicleId, Row>) -> Vec<String> {
+    fn full(&self, running: &RunningAgents, rows: &BTreeMap<VehicleName, Row>) -> Vec<String> {
         let swarm = self.chosen.inventory.nodes.len();
         let starts = |node: &&Node| rows[&node.id].why.is_none() && running.get(&node.id).is_none_or(Option::is_none);
         let hosts = self.chosen.hosts();
@@ -246,7 +249,12 @@ impl Up<'_> {
 
     /// Starts the agents that are not running yet, where the host could be asked; and the supervisor of a running
     /// agent, if it has died.
-    fn start(&self, (run, note): (u64, Option<RunNote>), running: &RunningAgents, rows: &mut BTreeMap<VehicleId, Row>) {
+    fn start(
+        &self,
+        (run, note): (u64, Option<RunNote>),
+        running: &RunningAgents,
+        rows: &mut BTreeMap<VehicleName, Row>,
+    ) {
         let hosts = self.chosen.hosts();
         let asked: Vec<_> =
             hosts.iter().filter(|(_, nodes)| nodes.iter().any(|node| rows[&node.id].why.is_none())).collect();
@@ -284,13 +292,13 @@ impl Up<'_> {
 
     /// Waits until every vehicle has reported that it is ready, or until the timeout; then adds the reasons for the
     /// missing ones.
-    fn wait(&self, watch: &mut Watch, timeout: Duration, rows: &mut BTreeMap<VehicleId, Row>) {
+    fn wait(&self, watch: &mut Watch, timeout: Duration, rows: &mut BTreeMap<VehicleName, Row>) {
         let begun = clock::now();
         let line = self.progress.line(&"swarm");
         let all = rows.len();
         line.say(&format!("waiting for {all} vehicles to say that they are ready"));
         let wanted = rows.keys().map(|id| (*id, None)).collect();
-        let doubtful: Vec<VehicleId> = rows.values().filter(|row| row.why.is_some()).map(|row| row.node).collect();
+        let doubtful: Vec<VehicleName> = rows.values().filter(|row| row.why.is_some()).map(|row| row.node).collect();
         let until = |id| begun + if doubtful.contains(&id) { timeout.min(CONTACT_TIMEOUT) } else { timeout };
         let mut ready = 0;
         let missing = watch.ready(&wanted, until, |id| {
@@ -311,7 +319,7 @@ impl Up<'_> {
     }
 
     /// Adds the last log line of each agent that was started but is not ready.
-    fn last_lines(&self, rows: &mut BTreeMap<VehicleId, Row>) {
+    fn last_lines(&self, rows: &mut BTreeMap<VehicleName, Row>) {
         let silent = |node: &&Node| rows[&node.id].state == State::Missing && rows[&node.id].started_s.is_some();
         let hosts = super::ssh::by_host(self.chosen.nodes().filter(|node| node.install == Install::Ssh).filter(silent));
         let last_lines = at_once(&hosts, |(host, nodes)| {
@@ -371,6 +379,8 @@ mod tests {
     #[cfg(unix)]
     use std::fs;
 
+    use skein_common::id::VehicleId;
+
     use super::*;
     #[cfg(unix)]
     use crate::cluster::protocol::{Facts, Installed};
@@ -390,7 +400,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let manual = "[defaults]\ninstall = 'manual'";
         for (more, hosts, may) in [("", 2, false), ("", 1, true), (manual, 0, true), ("security = 'none'", 1, false)] {
-            let running: RunningAgents = VehicleId::first(hosts).map(|id| (id, None)).collect();
+            let running: RunningAgents = VehicleId::first(hosts).map(|id| (id.into(), None)).collect();
             assert_eq!(may_fly_unasked(&lab(folder.path(), 2, more), &running), may, "{more} {running:?}");
         }
     }
@@ -453,7 +463,7 @@ mod tests {
     #[test]
     fn the_table_shows_why_a_vehicle_is_missing() {
         let row = |id: u8, state, why: Option<&str>| Row {
-            node: VehicleId::new(id).unwrap(),
+            node: VehicleId::new(id).unwrap().into(),
             host: format!("heli{id}"),
             state,
             ran: id == 2,

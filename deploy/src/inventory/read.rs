@@ -5,8 +5,11 @@ use std::fs;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
-use skein_common::id::{SwarmName, VehicleId};
-use skein_common::scenario::{FileKind, Key, Kind, Literal, Loaded, PlantKind, ScenarioError, Source, Written};
+use skein_agent::config::fleet;
+use skein_common::id::{SwarmName, VehicleName};
+use skein_common::scenario::{
+    Described, FileKind, Key, Kind, Literal, PlantKind, Scenario, ScenarioError, Source, Written,
+};
 use tracing_subscriber::EnvFilter;
 
 use super::{Install, Inventory, Node, SecurityKind, ServiceKind};
@@ -14,20 +17,20 @@ use crate::simulators::HostPort;
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
 
-/// An agent's port is this number plus its id.
-const BASE_PORT: u16 = 7446;
-
 const fn key(path: &'static str, kind: Kind, default: Literal, about: &'static str) -> Key {
     Key::new(path, kind, default, about)
 }
 
-/// Makes the list of keys: those of the file, and the keys of a node both for `defaults` and for `node.N`.
+/// Makes the list of keys: those of the file, and the keys of a node for `defaults`, for the nodes of a team, and for a
+/// node of a swarm or of a fleet.
 macro_rules! keys {
     ([$($key:expr),* $(,)?] [$($name:literal, $kind:expr, $about:literal;)*]) => {
         &[
             $($key,)*
             $(key(concat!("defaults.", $name), $kind, Literal::Nothing, $about),)*
+            $(key(concat!("team.N.", $name), $kind, Literal::Nothing, $about),)*
             $(key(concat!("node.N.", $name), $kind, Literal::Nothing, $about),)*
+            $(key(concat!("node.\"T/N\".", $name), $kind, Literal::Nothing, $about),)*
         ]
     };
 }
@@ -67,7 +70,7 @@ impl Inventory {
         let path = std::path::absolute(path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
         let of_scenario = |path: &Path, swarm: &SwarmName| {
             let args = ScenarioArgs { scenario: Some(path.to_owned()), sets: Vec::new() };
-            args.read(vec![format!("swarm.name={}", toml::Value::from(swarm.as_str()))])
+            args.read_any(vec![format!("swarm.name={}", toml::Value::from(swarm.as_str()))])
         };
         read(&path, &Source { name: &name, text: &text }, of_scenario).map_err(|fault| match fault {
             Fault::Here(fault) => Error::Scenario { fault, text },
@@ -91,7 +94,7 @@ impl From<ScenarioError> for Fault {
 fn read(
     path: &Path,
     source: &Source<'_>,
-    of_scenario: impl FnOnce(&Path, &SwarmName) -> Result<Loaded, Error>,
+    of_scenario: impl FnOnce(&Path, &SwarmName) -> Result<Described, Error>,
 ) -> Result<Inventory, Fault> {
     if toml::from_str::<toml::Table>(source.text).is_ok_and(|table| table.is_empty()) {
         let help = "it has `swarm`, `scenario` and a table `[node.N]` with `host` and `address` for each vehicle";
@@ -108,9 +111,14 @@ fn read(
         written.fault("scenario", message, Some("the path is relative to this file's folder".to_owned()))
     })?;
     let scenario = of_scenario(&scenario_path, &swarm).map_err(Fault::Scenario)?;
-    let ids = vehicle_ids(&written, &text("scenario"), &scenario)?;
-    let of_node = |id| Ok((id, Reader { written: &written, id }.node(folder, &scenario)?));
-    let nodes: BTreeMap<_, _> = ids.into_iter().map(of_node).collect::<Result<_, ScenarioError>>()?;
+    let teams = scenario.all();
+    fleet::check_size(teams).map_err(|why| written.fault("scenario", format!("`scenario`: {why}"), None))?;
+    check_vehicles(&written, &text("scenario"), &scenario)?;
+    let vehicles = teams.iter().flat_map(|team| fleet::names(&team.scenario).map(move |id| (id, &team.scenario)));
+    let nodes: BTreeMap<_, _> = vehicles
+        .zip(fleet::ports(teams))
+        .map(|((id, scenario), (_, port))| Ok((id, Reader { written: &written, id }.node(folder, scenario, port)?)))
+        .collect::<Result<_, ScenarioError>>()?;
     check_simulators_are_not_shared(&written, &nodes)?;
     Ok(Inventory {
         security: if text("security") == "none" { SecurityKind::None } else { SecurityKind::Tls },
@@ -136,33 +144,58 @@ fn files(written: &Written<'_>, folder: &Path) -> Result<Vec<PathBuf>, ScenarioE
     }
 }
 
-/// The vehicles' ids. The cluster file and the scenario must have the same.
-fn vehicle_ids(written: &Written<'_>, name: &str, scenario: &Loaded) -> Result<Vec<VehicleId>, ScenarioError> {
-    let fly = match scenario.scenario.swarm.vehicles {
-        1 => "vehicle 1 only".to_owned(),
-        vehicles => format!("vehicles 1 to {vehicles}"),
+/// Path of a node's table.
+fn table_of(id: VehicleName) -> String {
+    format!("node.{}", id.quoted())
+}
+
+/// Checks that the cluster file and the scenario have the same vehicles. A team's table is enough for its vehicles.
+fn check_vehicles(written: &Written<'_>, name: &str, scenario: &Described) -> Result<(), ScenarioError> {
+    let teams = scenario.all();
+    let ids: Vec<VehicleName> = teams.iter().flat_map(|team| fleet::names(&team.scenario)).collect();
+    let fly = match (scenario, ids.as_slice()) {
+        (Described::Fleet(teams), [first, .., last]) => {
+            format!("{} teams, vehicles {first} to {last}", teams.len())
+        }
+        (_, [first, .., last]) => format!("vehicles {first} to {last}"),
+        (_, only) => format!("vehicle {} only", only.first().map_or_else(String::new, ToString::to_string)),
     };
-    let ids: Vec<_> = scenario.scenario.ids().collect();
+    for team in written.names("team") {
+        let path = format!("team.{team}");
+        let has_it = |scenario: &Scenario| scenario.team.is_some_and(|own| own.id.to_string() == team);
+        if !teams.iter().any(|team| has_it(&team.scenario)) {
+            return Err(written.fault(&path, format!("`{path}` has no vehicles: {name} flies {fly}"), None));
+        }
+    }
     for node in written.names("node") {
         if !ids.iter().any(|id| id.to_string() == node) {
-            let message = format!("`node.{node}` has no vehicle: {name} flies {fly}");
-            return Err(written.fault(&format!("node.{node}"), message, None));
+            let path = if node.contains('/') { format!("node.\"{node}\"") } else { format!("node.{node}") };
+            let message = format!("`{path}` has no vehicle: {name} flies {fly}");
+            return Err(written.fault(&path, message, None));
         }
     }
-    for id in &ids {
-        let path = format!("node.{id}");
-        if written.get(&path).is_none() {
-            let message = format!("`{path}` is missing: {name} flies {fly}");
-            return Err(written.fault("node", message, Some(format!("add a table `[{path}]` for vehicle {id}"))));
+    for id in ids {
+        let path = table_of(id);
+        let of_team = id.team.map(|team| format!("team.{team}"));
+        if written.get(&path).is_some() || of_team.as_ref().is_some_and(|team| written.get(team).is_some()) {
+            continue;
         }
+        let message = format!("`{path}` is missing: {name} flies {fly}");
+        let help = match of_team {
+            Some(team) => {
+                format!("add a table `[{team}]` for all vehicles of the team, or `[{path}]` for vehicle {id}")
+            }
+            None => format!("add a table `[{path}]` for vehicle {id}"),
+        };
+        return Err(written.fault("node", message, Some(help)));
     }
-    Ok(ids)
+    Ok(())
 }
 
 /// Checks that no two vehicles share a simulator, which flies one aircraft only.
 fn check_simulators_are_not_shared(
     written: &Written<'_>,
-    nodes: &BTreeMap<VehicleId, Node>,
+    nodes: &BTreeMap<VehicleName, Node>,
 ) -> Result<(), ScenarioError> {
     let mut taken = BTreeMap::new();
     for (id, node) in nodes {
@@ -172,7 +205,7 @@ fn check_simulators_are_not_shared(
         // Loopback differs on every host; a host without a name is known by its address.
         let whose = is_local.then(|| node.host.clone().unwrap_or(node.address.clone()));
         if let Some(other) = taken.insert((whose, simulator.host, simulator.port), *id) {
-            let path = format!("node.{id}.xplane");
+            let path = format!("{}.xplane", table_of(*id));
             let message = format!("`{path}`: vehicle {other} already flies that simulator");
             return Err(written.fault(&path, message, Some("give each vehicle its own X-Plane".to_owned())));
         }
@@ -183,11 +216,12 @@ fn check_simulators_are_not_shared(
 /// Reads one node.
 struct Reader<'a> {
     written: &'a Written<'a>,
-    id: VehicleId,
+    id: VehicleName,
 }
 
 impl Reader<'_> {
-    fn node(&self, folder: &Path, scenario: &Loaded) -> Result<Node, ScenarioError> {
+    /// The node, whose vehicle flies this scenario and whose agent has this port.
+    fn node(&self, folder: &Path, scenario: &Scenario, port: u16) -> Result<Node, ScenarioError> {
         let install = match self.value("install").as_deref() {
             Some("manual") => Install::Manual,
             _ => Install::Ssh,
@@ -216,7 +250,7 @@ impl Reader<'_> {
             Some("builtin") => PlantKind::Builtin,
             Some("standin") => PlantKind::Standin,
             Some("xplane") => PlantKind::Xplane,
-            _ => scenario.scenario.swarm.plant,
+            _ => scenario.swarm.plant,
         };
         let binary = self.value("binary").map(|binary| folder.join(binary));
         Ok(Node {
@@ -224,7 +258,7 @@ impl Reader<'_> {
             host,
             user,
             address,
-            port: BASE_PORT + u16::from(self.id.get()),
+            port,
             plant,
             xplane: self.xplane(plant, scenario)?,
             install,
@@ -241,16 +275,15 @@ impl Reader<'_> {
         })
     }
 
-    /// Address of the node's simulator, if its plant has one: from the node, else from `defaults`, else from the
-    /// scenario.
-    fn xplane(&self, plant: PlantKind, scenario: &Loaded) -> Result<Option<String>, ScenarioError> {
+    /// Address of the node's simulator, if its plant has one: from the cluster file, else from the scenario.
+    fn xplane(&self, plant: PlantKind, scenario: &Scenario) -> Result<Option<String>, ScenarioError> {
         let expected = "HOST[:PORT] of a simulator";
         let stated =
             self.checked("xplane", expected, |text| !text.starts_with('-') && text.parse::<HostPort>().is_ok())?;
         if plant != PlantKind::Builtin {
-            return Ok(stated.or_else(|| scenario.scenario.vehicle(self.id)?.xplane.clone()));
+            return Ok(stated.or_else(|| scenario.vehicle(self.id.vehicle)?.xplane.clone()));
         }
-        let own = format!("node.{}.xplane", self.id);
+        let own = format!("{}.xplane", table_of(self.id));
         match self.written.get(&own) {
             Some(_) => Err(self.written.fault(
                 &own,
@@ -261,10 +294,12 @@ impl Reader<'_> {
         }
     }
 
-    /// Path of the key: the node's own key if it is given, else the key in `defaults`.
+    /// Path of the key: the node's own key if it is given, else that of its team, else the key in `defaults`.
     fn path(&self, key: &str) -> String {
-        let own = format!("node.{}.{key}", self.id);
-        if self.written.get(&own).is_some() { own } else { format!("defaults.{key}") }
+        let tables = [Some(table_of(self.id)), self.id.team.map(|team| format!("team.{team}"))];
+        let paths = tables.into_iter().flatten().map(|table| format!("{table}.{key}"));
+        let mut written = paths.filter(|path| self.written.get(path).is_some());
+        written.next().unwrap_or_else(|| format!("defaults.{key}"))
     }
 
     fn value(&self, key: &str) -> Option<String> {
@@ -287,7 +322,7 @@ impl Reader<'_> {
     }
 
     fn missing(&self, key: &str, why: &str, help: &str) -> ScenarioError {
-        let path = format!("node.{}.{key}", self.id);
+        let path = format!("{}.{key}", table_of(self.id));
         self.written.fault(&path, format!("`{path}` is missing: {why}"), Some(help.to_owned()))
     }
 }

@@ -1,5 +1,7 @@
 use std::fs;
 
+use skein_common::id::VehicleId;
+
 use super::*;
 
 /// Writes and reads a cluster of `vehicles` hosts from 10.0.0.11 on.
@@ -30,8 +32,8 @@ fn node_refused(lines: &str) -> String {
     refused(&format!("{HEAD}[node.2]\nhost = '10.0.0.2'\n[node.1]\n{lines}\n"))
 }
 
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
+fn id(number: u8) -> VehicleName {
+    VehicleId::new(number).unwrap().into()
 }
 
 #[test]
@@ -42,11 +44,11 @@ fn the_example_file_is_valid() {
     let path = folder.path().join("cluster.toml");
     fs::write(&path, include_str!("../../cluster.example.toml")).unwrap();
     let cluster = Inventory::read(&path).unwrap();
-    assert_eq!((cluster.swarm.as_str(), cluster.scenario.scenario.swarm.name.as_str()), ("lab", "lab"));
-    assert_eq!(cluster.scenario.scenario.name, "hover");
+    assert_eq!((cluster.swarm.as_str(), cluster.scenario.first().scenario.swarm.name.as_str()), ("lab", "lab"));
+    assert_eq!(cluster.scenario.first().scenario.name, "hover");
     assert_eq!(cluster.keys, folder.path().join("keys"));
     assert_eq!(cluster.scenario_folder(), folder.path().join("scenarios"));
-    let endpoints: Vec<_> = cluster.endpoints().into_values().collect();
+    let endpoints: Vec<_> = cluster.nodes.values().map(|node| node.endpoint(cluster.security)).collect();
     assert_eq!(endpoints, ["tls/10.0.0.11:7447", "tls/10.0.0.12:7448", "tls/10.0.0.12:7449", "tls/10.0.0.14:7450"]);
     assert_eq!(cluster.dialled_by(id(3)), endpoints[..2]);
     let [first, _, third, fourth] = [1, 2, 3, 4].map(|number| &cluster.nodes[&id(number)]);
@@ -162,4 +164,79 @@ fn a_fault_in_the_scenario_names_the_scenario_file() {
     assert!(none.starts_with("cluster.toml:2:12: `scenario`: no.toml: "), "{none}");
     let nowhere = Inventory::read(&folder.path().join("none.toml")).unwrap_err();
     assert!(nowhere.to_string().ends_with("; name a cluster file with -f CLUSTER.toml"), "{nowhere}");
+}
+
+/// Reads a cluster that flies three teams of two, the second of three.
+pub(crate) fn fleet(folder: &Path, text: &str) -> Result<Inventory, skein_lab::error::Error> {
+    let scenario =
+        "fleet.teams = 3\nfleet.spacing_m = 300\nswarm.vehicles = 2\n[[team]]\nids = [2]\nswarm.vehicles = 3\n";
+    fs::write(folder.join("fleet.toml"), scenario).unwrap();
+    let path = folder.join("cluster.toml");
+    fs::write(&path, format!("swarm = 'lab'\nscenario = 'fleet.toml'\n{text}")).unwrap();
+    Inventory::read(&path)
+}
+
+/// A host for each team; the agent of one vehicle of the second team runs on a host of its own.
+pub(crate) const TEAMS: &str = "[team.1]\nhost = '10.0.0.1'\n[team.2]\nhost = '10.0.0.2'\n[team.3]\nhost = '10.0.0.3'\n\
+                                [node.\"2/3\"]\nhost = '10.0.0.4'\nlog = 'debug'\n";
+
+#[test]
+fn the_nodes_of_a_team_share_its_table_and_have_a_row_of_ports() {
+    let folder = tempfile::tempdir().unwrap();
+    let cluster = fleet(folder.path(), TEAMS).unwrap();
+    let nodes: Vec<String> =
+        cluster.nodes.values().map(|node| format!("{} {}:{}", node.id, node.address, node.port)).collect();
+    assert_eq!(
+        nodes,
+        [
+            "1/1 10.0.0.1:7447",
+            "1/2 10.0.0.1:7448",
+            "2/1 10.0.0.2:7449",
+            "2/2 10.0.0.2:7450",
+            "2/3 10.0.0.4:7451",
+            "3/1 10.0.0.3:7452",
+            "3/2 10.0.0.3:7453"
+        ]
+    );
+    let node = |name: &str| &cluster.nodes[&name.parse().unwrap()];
+    assert_eq!((node("2/3").log.as_deref(), node("2/2").log.as_deref()), (Some("debug"), None));
+    // Three teams 300 m apart: all may meet.
+    assert_eq!(cluster.dialled_by("2/1".parse().unwrap()), ["tls/10.0.0.1:7447", "tls/10.0.0.1:7448"]);
+}
+
+#[test]
+fn every_vehicle_of_a_fleet_has_a_node() {
+    let refused = |text: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let error = fleet(folder.path(), text).map(|read| format!("{:?}", read.nodes)).unwrap_err().to_string();
+        error.replace(&format!("{}/", folder.path().display()), "")
+    };
+    let without_third = TEAMS.replace("[team.3]\nhost = '10.0.0.3'\n", "");
+    let missing = refused(&without_third);
+    assert!(
+        missing.contains(
+            "`node.\"3/1\"` is missing: fleet.toml flies 3 teams, vehicles 1/1 to 3/2; add a table `[team.3]`"
+        ),
+        "{missing}"
+    );
+    let foreign = refused(&format!("{TEAMS}[node.\"2/4\"]\nhost = '10.0.0.5'\n"));
+    assert!(foreign.starts_with("cluster.toml:12:") && foreign.contains("`node.\"2/4\"` has no vehicle"), "{foreign}");
+    assert!(refused(&format!("{TEAMS}[node.2]\nhost = '10.0.0.5'\n")).contains("`node.2` has no vehicle"));
+    assert!(refused(&format!("{TEAMS}[team.4]\nhost = '10.0.0.5'\n")).contains("`team.4` has no vehicles"));
+    assert!(refused(&format!("{TEAMS}[team.x]\n")).contains("`team.x`: teams are tables by id, 1 to 4096"));
+    assert_eq!(
+        refused("[node.\"2/1\"]\nhots = 'heli1'\n"),
+        "cluster.toml:4:1: unknown key `node.\"2/1\".hots`; did you mean `node.\"2/1\".host`?"
+    );
+    let shared = refused(&TEAMS.replace("[team.3]\n", "[team.3]\nplant = 'xplane'\nxplane = '127.0.0.1:49000'\n"));
+    assert!(shared.contains("vehicle 3/1 already flies that simulator"), "{shared}");
+    assert!(self::refused(&format!("{HEAD}[team.1]\nhost = '10.0.0.1'\n")).contains("`team.1` has no vehicles"));
+}
+
+#[test]
+fn a_fleet_of_more_than_64_agents_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("large.toml"), "fleet.teams = 13\nswarm.vehicles = 5\n").unwrap();
+    let large = read(folder.path(), 2, "swarm = 'lab'\nscenario = 'large.toml'\n").unwrap_err().to_string();
+    assert!(large.contains("the fleet has 65 vehicles: fleets larger than 64 agents fly in virtual time"), "{large}");
 }

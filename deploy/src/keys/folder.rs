@@ -9,7 +9,7 @@ use crate::keys::Role;
 use rcgen::{KeyPair, PKCS_ED25519};
 use serde::{Deserialize, Serialize};
 use skein_agent::link::security::{PeerIdentity, identities_by_vehicle};
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 use skein_host::atomic_file::{self, Durability};
 
 use super::certificate::{Pair, shows};
@@ -26,10 +26,15 @@ pub(crate) const NAMES: &str = "names.toml";
 /// File name of a role without extension. It does not depend on the name in the certificate.
 pub(crate) fn stem(role: Role) -> String {
     match role {
-        Role::Vehicle(id) => format!("vehicle-{id}"),
+        Role::Vehicle(id) => format!("vehicle-{}", id.dashed()),
         Role::Observer => "observer".to_owned(),
         Role::Operator => "operator".to_owned(),
     }
+}
+
+/// The vehicle whose certificate has this file name, if it is a vehicle's.
+fn vehicle_of(file_name: &str) -> Option<VehicleName> {
+    VehicleName::from_dashed(file_name.strip_prefix("vehicle-")?.strip_suffix(".pem")?)
 }
 
 /// Whether this is a common name of the role: `vehicle-3`, or `vehicle-3.2` after one revocation, ...
@@ -55,7 +60,7 @@ pub(crate) struct Names {
     pub(crate) observer: String,
     pub(crate) operator: String,
     #[serde(deserialize_with = "identities_by_vehicle")]
-    pub(crate) vehicles: BTreeMap<VehicleId, PeerIdentity>,
+    pub(crate) vehicles: BTreeMap<VehicleName, PeerIdentity>,
 }
 
 /// The folder of one cluster's keys.
@@ -159,7 +164,8 @@ impl Folder {
         };
         let name = |role| Ok::<_, Error>(shown(role)?.map(|known| known.name).unwrap_or_default());
         let mut names = Names { observer: name(Role::Observer)?, operator: name(Role::Operator)?, ..Names::default() };
-        for id in VehicleId::first(VehicleId::MAX.into()) {
+        let files = fs::read_dir(&self.0).into_iter().flatten().flatten();
+        for id in files.filter_map(|file| vehicle_of(file.file_name().to_str()?)) {
             if let Some(known) = shown(Role::Vehicle(id))? {
                 names.vehicles.insert(id, known);
             }
@@ -189,11 +195,11 @@ impl Names {
     }
 }
 
-/// Formats a line for each vehicle: `1 = { name = "vehicle-1", key = "..." }`.
-pub(crate) fn vehicles_toml(vehicles: &BTreeMap<VehicleId, PeerIdentity>) -> String {
+/// Formats a line for each vehicle: `1 = { name = "vehicle-1", key = "..." }`, of a fleet `"3/7" = ...`.
+pub(crate) fn vehicles_toml(vehicles: &BTreeMap<VehicleName, PeerIdentity>) -> String {
     vehicles
         .iter()
-        .map(|(id, PeerIdentity { name, key })| format!("{id} = {{ name = \"{name}\", key = \"{key}\" }}\n"))
+        .map(|(id, PeerIdentity { name, key })| format!("{} = {{ name = \"{name}\", key = \"{key}\" }}\n", id.quoted()))
         .collect()
 }
 

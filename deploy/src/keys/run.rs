@@ -1,6 +1,8 @@
 //! The record of the run that this PC began last: `run.json` in the folder of keys. It outlives the flight, so that no
 //! host can pass off an old run as the current one.
 
+use std::sync::{Mutex, PoisonError};
+
 use serde::{Deserialize, Serialize};
 use skein_agent::link::signature::runs::RunNote;
 use skein_common::message::Verb;
@@ -74,6 +76,9 @@ impl RunFile {
     /// # Errors
     /// The errors of [`Self::read`] and [`Self::keep`].
     pub(crate) fn note_end(&self) -> Result<(), Error> {
+        // The teams of a fleet are ordered at once, each by a thread.
+        static WRITING: Mutex<()> = Mutex::new(());
+        let _only = WRITING.lock().unwrap_or_else(PoisonError::into_inner);
         match self.read()? {
             Some(record) if !record.over => self.keep(&Record { over: true, ..record }),
             _ => Ok(()),

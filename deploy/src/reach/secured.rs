@@ -1,12 +1,13 @@
 //! How to connect to a swarm with the keys of a folder: the cluster's own folder, or the part of it that a node has.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
 use skein_agent::link::security::Tls;
 use skein_agent::link::signature::{NotAKey, SigningKey, VerificationKey};
-use skein_common::id::VehicleName;
+use skein_common::scenario::Loaded;
 use skein_common::topic::Branch;
 
 use super::{Flown, Reach};
@@ -19,15 +20,28 @@ use skein_host::clock;
 use skein_lab::error::Error;
 
 impl Inventory {
-    /// Returns how to connect to this swarm in this role.
+    /// Returns how to connect in this role to the swarm, or to each team of the fleet, in the order of the teams.
     ///
     /// # Errors
     /// If its keys are missing or invalid, or others can read them.
-    pub fn reach(&self, role: Role) -> Result<Reach, Error> {
-        let scenario = Flown::Text(self.scenario.to_toml());
-        let Some(run_file) = RunFile::of(self) else {
-            return Ok(Reach::plain(self.swarm.clone(), self.endpoints(), scenario));
+    pub fn reaches(&self, role: Role) -> Result<Vec<Reach>, Error> {
+        let plain = Reach::plain(self.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
+        let to_none = match RunFile::of(self) {
+            Some(run_file) => self.secured(role, run_file, plain)?,
+            None => plain,
         };
+        let reach = |loaded: &Loaded| {
+            let team = loaded.scenario.team.map(|team| team.id);
+            let own = self.nodes.iter().filter(|(id, _)| id.team == team);
+            let agents = own.map(|(id, node)| (id.vehicle, node.endpoint(self.security))).collect();
+            let scenario = Flown::Text(loaded.to_toml());
+            Reach { branch: Branch::of(team), agents, scenario, ..to_none.clone() }
+        };
+        Ok(self.scenario.all().iter().map(reach).collect())
+    }
+
+    /// Adds what secured links need to a connection.
+    fn secured(&self, role: Role, run_file: RunFile, plain: Reach) -> Result<Reach, Error> {
         let folder = Folder(self.keys.clone());
         let (certificate, key) = (certificate_file(role), key_file(role));
         folder.check_private_file(&key)?;
@@ -46,22 +60,19 @@ impl Inventory {
             authority: folder.path(AUTHORITY),
             certificate: folder.path(&certificate),
             key: folder.path(&key),
-            vehicles: names.vehicles.into_iter().map(|(id, known)| (VehicleName::from(id), known)).collect(),
+            vehicles: names.vehicles,
             observer: names.observer,
             operator: names.operator,
         };
         let orders_key = orders_key(&folder)?;
         let signing_key = (role == Role::Operator).then(|| signing_key(&folder, orders_key)).transpose()?;
         Ok(Reach {
-            swarm: self.swarm.clone(),
-            branch: Branch::SWARM,
-            agents: self.endpoints(),
             security: Security::Tls(tls),
             orders_key: Some(orders_key),
             signing_key: signing_key.map(Arc::new),
             own_run: run_file.read()?.map(|record| record.note.run),
             run_file: Some(run_file),
-            scenario,
+            ..plain
         })
     }
 }

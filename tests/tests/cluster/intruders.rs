@@ -57,7 +57,8 @@ pub(super) fn equip(lab: &Lab) {
     lab.skein("cluster keys -f other/cluster.toml", 30).succeeded();
     let others = lab.operator().path("/root/other/keys");
     let inventory = Inventory::read(&lab.operator().path("/root/lab/cluster.toml")).unwrap();
-    let Security::Tls(tls) = inventory.reach(Role::Observer).unwrap().security else { panic!("the swarm is secured") };
+    let reach = inventory.reaches(Role::Observer).unwrap().remove(0);
+    let Security::Tls(tls) = reach.security else { panic!("the swarm is secured") };
     let known = serde_json::to_string(&tls.vehicles.values().collect::<Vec<_>>()).unwrap();
     let folder = |who: &str| {
         let folder = lab.stranger().path("/root").join(who);

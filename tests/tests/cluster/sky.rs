@@ -228,7 +228,7 @@ pub(super) fn now_s() -> f64 {
 /// The process of the observer.
 pub(super) fn observe_swarm() {
     let Ok(inventory) = Inventory::read("lab/cluster.toml".as_ref()) else { return };
-    let mut observer = Observer::open(&inventory.reach(Role::Observer).unwrap(), TraceSubscription::On).unwrap();
+    let mut observer = Observer::open(&inventory.reaches(Role::Observer).unwrap()[0], TraceSubscription::On).unwrap();
     thread::spawn(|| {
         let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
         std::process::exit(0);

@@ -3,9 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use skein_agent::config::fleet;
 use skein_agent::link::signature::VerificationKey;
-use skein_common::id::VehicleId;
-use skein_common::scenario::{self, Loaded, ModelKind, PlantKind, Source};
+use skein_common::id::VehicleName;
+use skein_common::scenario::{self, ModelKind, PlantKind, Scenario, Source};
 use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
 use toml::Value as Toml;
@@ -31,7 +32,7 @@ impl Bundle {
     ///
     /// # Errors
     /// If agents cannot fly the scenario, one of its files cannot be read, or keys are missing or invalid.
-    pub fn of(inventory: &Inventory, id: VehicleId) -> Result<Self, Error> {
+    pub fn of(inventory: &Inventory, id: VehicleName) -> Result<Self, Error> {
         let node = inventory.nodes.get(&id);
         let node =
             node.ok_or_else(|| Error::Refused(format!("vehicle {id} is not in {}", inventory.path.display())))?;
@@ -56,16 +57,47 @@ impl Bundle {
         self.files.insert(path.to_owned(), file);
     }
 
-    /// Adds the complete scenario and the files that it names.
+    /// Adds the complete scenario, or that of the whole fleet, and the files that it names.
     fn add_scenario(&mut self, inventory: &Inventory) -> Result<(), Error> {
         let refused = |why: String| Error::Refused(format!("{}: {why}", inventory.scenario_path.display()));
-        let scenario = &inventory.scenario.scenario;
         let from = inventory.scenario_folder();
         let sources = Sources::of(inventory);
-        skein_agent::config::check_live(scenario).map_err(|error| refused(error.to_string()))?;
-        starts(scenario).map_err(|error| refused(error.to_string()))?;
-        for vehicle in &scenario.vehicle {
-            let (id, name) = (vehicle.id, &vehicle.aircraft);
+        // Named without its folder, so that the origins in the complete file do not depend on where the bundle is made.
+        let name = inventory.scenario_path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
+        let load = |sets: &[String]| {
+            let text = &inventory.scenario_text;
+            scenario::load_any(&Source { name: &name, text }, sets)
+                .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
+        };
+        let mut sets = vec![format!("swarm.name={}", Toml::from(inventory.swarm.as_str()))];
+        let as_written = load(&sets)?;
+        for (resolved, written) in inventory.scenario.all().iter().zip(as_written.all()) {
+            let scenario = &resolved.scenario;
+            let key =
+                |key: &str| scenario.team.map_or_else(|| key.to_owned(), |team| format!("team.{}.{key}", team.id));
+            skein_agent::config::check_live(scenario).map_err(|error| refused(error.to_string()))?;
+            starts(scenario).map_err(|error| refused(error.to_string()))?;
+            self.add_aircraft(inventory, scenario, &sources)?;
+            if let scenario::Rules::Folder(rules) = &scenario.control.rules {
+                skein_host::files::rules(&scenario.control.rules, from)
+                    .map_err(|error| refused(format!("control.rules: {error}")))?;
+                let folder = self.add_rules(rules, &sources).map_err(&refused)?;
+                sets.push(format!("{}={}", key("control.rules"), Toml::from(folder)));
+            }
+            if let Some(command) = self.add_law(&written.scenario, from, &sources).map_err(&refused)? {
+                sets.push(format!("{}={}", key(COMMAND), Toml::from(command)));
+            }
+        }
+        self.add(SCENARIO, load(&sets)?.to_toml());
+        Ok(())
+    }
+
+    /// Adds the files of the aircraft that this swarm or team flies.
+    fn add_aircraft(&mut self, inventory: &Inventory, scenario: &Scenario, sources: &Sources) -> Result<(), Error> {
+        let refused = |why: String| Error::Refused(format!("{}: {why}", inventory.scenario_path.display()));
+        let from = inventory.scenario_folder();
+        for (id, vehicle) in fleet::names(scenario).zip(&scenario.vehicle) {
+            let name = &vehicle.aircraft;
             let (aircraft, text) = aircraft_of(vehicle, from, &inventory.scenario_path.display().to_string())?;
             let plant = inventory.nodes.get(&id).map(|node| node.plant);
             if scenario.plant.model == ModelKind::PointMass {
@@ -84,37 +116,33 @@ impl Bundle {
                 self.add(&format!("{name}.toml"), text);
             }
         }
-        let mut sets = vec![format!("swarm.name={}", Toml::from(inventory.swarm.as_str()))];
-        if let scenario::Rules::Folder(rules) = &scenario.control.rules {
-            skein_host::files::rules(&scenario.control.rules, from)
-                .map_err(|error| refused(format!("control.rules: {error}")))?;
-            for axis in AXES {
-                let path = rules.join(format!("{axis}.fis"));
-                sources.check(&path).map_err(|why| refused(format!("control.rules: {why}")))?;
-                self.add(&format!("rules/{axis}.fis"), read(&path).map_err(&refused)?);
-            }
-            sets.push("control.rules=rules".to_owned());
-        }
-        // Named without its folder, so that the origins in the complete file do not depend on where the bundle is made.
-        let name = inventory.scenario_path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
-        let load = |sets: &[String]| {
-            let text = &inventory.scenario_text;
-            scenario::load(&Source { name: &name, text }, sets)
-                .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
-        };
-        let mut loaded = load(&sets)?;
-        if let Some(command) = self.add_law(&loaded, from, &sources).map_err(&refused)? {
-            sets.push(format!("{COMMAND}={}", Toml::from(command)));
-            loaded = load(&sets)?;
-        }
-        self.add(SCENARIO, loaded.to_toml());
         Ok(())
+    }
+
+    /// Adds the rules of the controller from this folder. Returns their folder in the bundle: teams may have other rules.
+    fn add_rules(&mut self, rules: &Path, sources: &Sources) -> Result<String, String> {
+        let mut files = Vec::new();
+        for axis in AXES {
+            let path = rules.join(format!("{axis}.fis"));
+            sources.check(&path).map_err(|why| format!("control.rules: {why}"))?;
+            files.push((axis, BundleFile { is_secret: false, is_executable: false, content: read(&path)? }));
+        }
+        let mut nth = 1;
+        loop {
+            let folder = if nth == 1 { "rules".to_owned() } else { format!("rules-{nth}") };
+            let path = |axis: &str| format!("{folder}/{axis}.fis");
+            if files.iter().all(|(axis, file)| self.files.get(&path(axis)).is_none_or(|there| there == file)) {
+                self.files.extend(files.into_iter().map(|(axis, file)| (path(axis), file)));
+                return Ok(folder);
+            }
+            nth += 1;
+        }
     }
 
     /// Adds the files that the command of an external law names. Returns the command with the files' new paths, if
     /// there are any.
-    fn add_law(&mut self, loaded: &Loaded, from: &Path, sources: &Sources) -> Result<Option<Vec<String>>, String> {
-        let Some(mut command) = loaded.scenario.formation.external.command.clone() else { return Ok(None) };
+    fn add_law(&mut self, written: &Scenario, from: &Path, sources: &Sources) -> Result<Option<Vec<String>>, String> {
+        let Some(mut command) = written.formation.external.command.clone() else { return Ok(None) };
         let mut found = false;
         for (nth, argument) in command.iter_mut().enumerate() {
             let path = from.join(&*argument);
@@ -212,11 +240,13 @@ fn read(path: &Path) -> Result<Vec<u8>, String> {
 
 /// Makes the agent's configuration file.
 fn agent_toml(inventory: &Inventory, node: &Node) -> String {
-    let (id, swarm, plant) = (node.id, &inventory.swarm, plant(node.plant));
+    let (swarm, plant) = (&inventory.swarm, plant(node.plant));
+    let id = node.id.quoted();
     let listen = Toml::from(vec![node.endpoint(inventory.security)]);
-    let dial = Toml::from(inventory.dialled_by(id));
+    let dial = Toml::from(inventory.dialled_by(node.id));
     let mut text = format!(
-        "# Node {id} of {swarm}.\nscenario = \"scenario.toml\"\nid = {id}\nlisten = {listen}\ndial = {dial}\nplant = \"{plant}\"\n"
+        "# Node {} of {swarm}.\nscenario = \"scenario.toml\"\nid = {id}\nlisten = {listen}\ndial = {dial}\nplant = \"{plant}\"\n",
+        node.id
     );
     if let Some(xplane) = &node.xplane {
         text += &format!("xplane = {}\n", Toml::from(xplane.as_str()));
@@ -249,7 +279,7 @@ fn cluster_toml(inventory: &Inventory) -> String {
         inventory.swarm
     );
     for (id, node) in &inventory.nodes {
-        text += &format!("\n[node.{id}]\n");
+        text += &format!("\n[node.{}]\n", id.quoted());
         let entries = [
             ("host", node.host.as_deref()),
             ("address", Some(node.address.as_str())),

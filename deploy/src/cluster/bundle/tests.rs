@@ -3,7 +3,7 @@ use std::path::Path;
 
 use clap::Parser;
 use skein_agent::plant::xplane::wire;
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleName};
 use skein_common::scenario::PlantKind;
 use skein_host::atomic_file::{self, Durability};
 
@@ -11,11 +11,13 @@ use super::*;
 use crate::cli::{Cli, Command};
 use crate::cluster::keys;
 use crate::inventory::Inventory;
-use crate::inventory::tests::lab;
+use crate::inventory::tests::{TEAMS, fleet, lab};
+use crate::keys::Role;
+use skein_agent::link::Security;
 use skein_host::clock;
 
-fn id(number: u8) -> VehicleId {
-    VehicleId::new(number).unwrap()
+fn id(number: u8) -> VehicleName {
+    VehicleId::new(number).unwrap().into()
 }
 
 /// Makes a cluster of three nodes with keys.
@@ -54,7 +56,7 @@ fn an_agent_can_start_with_the_files_of_its_node() {
     let there = tempfile::tempdir().unwrap();
     unpack(&bundle, there.path());
     let node = node(there.path());
-    assert_eq!((node.id, node.listen), (id(2), vec!["tls/10.0.0.12:7448".to_owned()]));
+    assert_eq!((node.id, node.listen), (id(2).vehicle, vec!["tls/10.0.0.12:7448".to_owned()]));
     assert_eq!(node.dial, ["tls/10.0.0.11:7447"], "one of each pair dials");
     assert_eq!(node.scenario.swarm.name.as_str(), "lab");
     let standin = (std::net::Ipv4Addr::LOCALHOST, wire::PORT).into();
@@ -88,8 +90,9 @@ fn the_swarm_can_be_observed_from_a_node() {
     let read = Inventory::read(&there.path().join("cluster.toml")).unwrap();
     let hosts = |inventory: &Inventory| inventory.nodes.values().map(|node| node.host.clone()).collect::<Vec<_>>();
     assert_eq!(hosts(&read), hosts(&inventory));
-    assert_eq!((&read.swarm, read.endpoints()), (&inventory.swarm, inventory.endpoints()));
-    assert_eq!(read.scenario.scenario, inventory.scenario.scenario);
+    let endpoints = |of: &Inventory| of.nodes.values().map(|node| node.endpoint(of.security)).collect::<Vec<_>>();
+    assert_eq!((&read.swarm, endpoints(&read)), (&inventory.swarm, endpoints(&inventory)));
+    assert_eq!(read.scenario.first().scenario, inventory.scenario.first().scenario);
     assert_eq!(read.keys, there.path().join("keys"));
 }
 
@@ -268,4 +271,62 @@ fn a_file_outside_the_scenarios_folder_is_copied_only_if_the_cluster_file_permit
     assert!(bundle("files = ['../../ssh/mine.toml']", &with_aircraft).is_ok());
     let missing = bundle("files = ['../none']", &law("law.py")).unwrap_err().to_string();
     assert!(missing.contains("cluster.toml:4") && missing.ends_with("a/lab/../none does not exist"), "{missing}");
+}
+
+#[test]
+fn an_agent_of_a_fleet_can_start_with_the_files_of_its_node() {
+    let folder = tempfile::tempdir().unwrap();
+    let inventory = fleet(folder.path(), TEAMS).unwrap();
+    keys::make(&inventory, None, None, clock::utc()).unwrap();
+    let there = tempfile::tempdir().unwrap();
+    let bundle = Bundle::of(&inventory, "2/1".parse().unwrap()).unwrap();
+    unpack(&bundle, there.path());
+    let node = node(there.path());
+    let team = node.scenario.team.map(|team| (team.id.get(), team.teams));
+    assert_eq!((team, node.id.get(), node.scenario.swarm.vehicles), (Some((2, 3)), 1, 3));
+    assert_eq!(node.listen, ["tls/10.0.0.2:7449"]);
+    assert_eq!(node.dial, ["tls/10.0.0.1:7447", "tls/10.0.0.1:7448"]);
+    let Security::Tls(tls) = &node.security else { panic!("secured") };
+    assert_eq!(
+        tls.vehicles.keys().map(ToString::to_string).collect::<Vec<_>>().join(" "),
+        "1/1 1/2 2/1 2/2 2/3 3/1 3/2"
+    );
+    assert_eq!(tls.vehicles[&"2/1".parse().unwrap()].name, "vehicle-2-1");
+    assert!(node.security.signing_key("2/1".parse().unwrap()).unwrap().is_some());
+    assert!(node.security.signing_key("3/1".parse().unwrap()).is_err(), "vehicle 1 of another team");
+    // The fleet can be observed from there, by teams.
+    let read = Inventory::read(&there.path().join("cluster.toml")).unwrap();
+    let reaches = read.reaches(Role::Observer).unwrap();
+    let teams: Vec<_> = reaches.iter().map(|reach| (reach.title(), reach.agents.len())).collect();
+    let title = |team: u8| format!("team {team} of fleet lab");
+    assert_eq!(teams, [(title(1), 2), (title(2), 3), (title(3), 2)]);
+}
+
+#[test]
+fn teams_with_other_rules_get_other_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let inventory = fleet(folder.path(), &format!("security = 'none'\n{TEAMS}")).unwrap();
+    let controllers = Path::new(env!("CARGO_MANIFEST_DIR")).join("controllers");
+    for rules in ["fast", "slow"] {
+        fs::create_dir(folder.path().join(rules)).unwrap();
+        for entry in fs::read_dir(&controllers).unwrap().map(Result::unwrap) {
+            let text = fs::read_to_string(entry.path()).unwrap() + &format!("\n# {rules}\n");
+            fs::write(folder.path().join(rules).join(entry.file_name()), text).unwrap();
+        }
+    }
+    let scenario = fs::read_to_string(&inventory.scenario_path).unwrap();
+    let team = |id: u8, rules: &str| format!("[[team]]\nids = [{id}]\ncontrol.rules = '{rules}'\n");
+    fs::write(&inventory.scenario_path, scenario + &team(1, "fast") + &team(2, "slow") + &team(3, "fast")).unwrap();
+    let inventory = Inventory::read(&inventory.path).unwrap();
+    let bundle = Bundle::of(&inventory, "3/1".parse().unwrap()).unwrap();
+    for (folder, rules) in [("rules", "fast"), ("rules-2", "slow")] {
+        assert!(text(&bundle, &format!("{folder}/roll.fis")).ends_with(&format!("# {rules}\n")));
+    }
+    assert!(!bundle.files.keys().any(|path| path.starts_with("rules-3")));
+    let there = tempfile::tempdir().unwrap();
+    unpack(&bundle, there.path());
+    let read = Inventory::read(&there.path().join("cluster.toml")).unwrap();
+    let rules = read.scenario.all().iter().map(|team| team.scenario.control.rules.clone());
+    let folder = |name: &str| skein_common::scenario::Rules::Folder(there.path().join(name));
+    assert_eq!(rules.collect::<Vec<_>>(), [folder("rules"), folder("rules-2"), folder("rules")]);
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread;
 
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 use skein_common::scenario::PlantKind;
 
 use super::clock;
@@ -50,7 +50,7 @@ pub(super) struct Asked {
     pub(super) lines: Vec<Line>,
     /// Results of its calls to every node's port.
     pub(super) calls: Option<Calls>,
-    pub(super) agents: BTreeMap<VehicleId, Agent>,
+    pub(super) agents: BTreeMap<VehicleName, Agent>,
 }
 
 impl HostChecks<'_> {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use super::Line;
 use crate::cluster::host::probe;
@@ -13,7 +13,7 @@ use crate::inventory::{Inventory, Node};
 pub(super) struct Calls {
     /// Name of the caller: a host, or this PC.
     pub(super) from: String,
-    pub(super) reached: BTreeMap<VehicleId, Reached>,
+    pub(super) reached: BTreeMap<VehicleName, Reached>,
 }
 
 /// State of an agent, as its host reports it.
@@ -41,7 +41,7 @@ pub(super) fn call_all(inventory: &Inventory) -> Calls {
 }
 
 /// Makes one line for each node's port, from all calls.
-pub(super) fn lines(inventory: &Inventory, calls: &[Calls], agents: &BTreeMap<VehicleId, Agent>) -> Vec<Line> {
+pub(super) fn lines(inventory: &Inventory, calls: &[Calls], agents: &BTreeMap<VehicleName, Agent>) -> Vec<Line> {
     inventory.nodes.values().map(|node| line(node, calls, agents.get(&node.id).copied())).collect()
 }
 
@@ -91,7 +91,7 @@ mod tests {
     fn line_of(pc: Reached, other: Reached, agent: Agent) -> Line {
         let folder = tempfile::tempdir().unwrap();
         let inventory = lab(folder.path(), 1, "");
-        let id = VehicleId::new(1).unwrap();
+        let id = "1".parse().unwrap();
         let call = |from: &str, reached| Calls { from: from.to_owned(), reached: BTreeMap::from([(id, reached)]) };
         let calls = [call("this PC", pc), call("heli2", other)];
         lines(&inventory, &calls, &BTreeMap::from([(id, agent)])).remove(0)

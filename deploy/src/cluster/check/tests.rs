@@ -3,8 +3,6 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
-use skein_common::id::VehicleId;
-
 use super::ports::Agent;
 use super::*;
 use crate::cluster::keys as cluster_keys;
@@ -132,7 +130,7 @@ fn missing_invalid_or_readable_keys_are_faults() {
     cluster_keys::make(&inventory, None, None, clock::utc()).unwrap();
     let [good] = &lines(&inventory)[..] else { panic!("one line") };
     assert!(good.state == State::Good && good.found.starts_with("all 4 are valid; the first expires on 2"), "{good:?}");
-    inventory.nodes.get_mut(&VehicleId::new(2).unwrap()).unwrap().address = "10.0.0.99".to_owned();
+    inventory.nodes.get_mut(&"2".parse().unwrap()).unwrap().address = "10.0.0.99".to_owned();
     let [moved] = &lines(&inventory)[..] else { panic!("one line") };
     assert_eq!((moved.state, moved.found.as_str()), (State::Fault, "vehicle-2.pem has another address"));
     fs::set_permissions(&inventory.keys, fs::Permissions::from_mode(0o755)).unwrap();

@@ -7,9 +7,10 @@ use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use skein_agent::config::fleet;
 use skein_agent::link::signature::runs::RunNote;
-use skein_common::id::VehicleId;
-use skein_common::scenario::{Source, load};
+use skein_common::id::VehicleName;
+use skein_common::scenario::{Source, load_any};
 use skein_host::clock;
 
 use super::files::{self, Lock, at};
@@ -30,7 +31,7 @@ pub(super) const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 #[derive(Clone, Debug)]
 pub(super) struct NodeFolder {
     pub(super) path: PathBuf,
-    pub(super) id: VehicleId,
+    pub(super) id: VehicleName,
 }
 
 /// How a node is started, apart from its configuration.
@@ -168,7 +169,7 @@ impl NodeFolder {
         let note = started.as_ref().and_then(|started| started.note);
         let agent = self.agent().zip(started).map(|(agent, started)| RunningAgent {
             pid: agent.process.pid,
-            landing_s: landing_s(&self.install(&started.installed)),
+            landing_s: self.landing_s(&started.installed),
             installed: started.installed,
             run: started.run,
             restarts: agent.restarts,
@@ -182,13 +183,14 @@ impl NodeFolder {
             free_bytes: self.path.ancestors().find_map(|path| os::free_bytes(path).ok()).unwrap_or(0),
         }
     }
-}
 
-/// Time limit for a landing with this install, s; 0 if its scenario cannot be read.
-fn landing_s(install: &Path) -> f64 {
-    let text = fs::read_to_string(install.join(SCENARIO)).ok();
-    let loaded = text.and_then(|text| load(&Source { name: SCENARIO, text: &text }, &[]).ok());
-    loaded.map_or(0.0, |loaded| landing::limit_of(&loaded.scenario).as_secs_f64())
+    /// Time limit for a landing with this install, s; 0 if its scenario cannot be read.
+    fn landing_s(&self, installed: &Installed) -> f64 {
+        let text = fs::read_to_string(self.install(installed).join(SCENARIO)).ok();
+        let described = text.and_then(|text| load_any(&Source { name: SCENARIO, text: &text }, &[]).ok());
+        let loaded = described.and_then(|described| fleet::swarm_of(self.id, described));
+        loaded.map_or(0.0, |loaded| landing::limit_of(&loaded.scenario).as_secs_f64())
+    }
 }
 
 /// Name of an install's folder.

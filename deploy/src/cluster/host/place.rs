@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! <folder>/<swarm>/releases/<release>/skein                  the program, shared by the agents of this host
-//!                  node-<id>/installs/<release>_<bundle>/    one node's configuration; `skein` in it links to the program
+//!                  node-<id>/installs/<release>_<bundle>/    one node's configuration; `skein` in it links to the program;
+//!                                                            of vehicle 3/7 of a fleet node-3-7
 //!                            current, previous               links to installs
 //!                            settings.json                   the service that restarts it, its log filter
 //!                            log/agent.log, .1, ...          the agent's log, under Skein's own supervisor
@@ -16,7 +17,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::{SwarmName, VehicleName};
 
 use super::files::{self, Lock};
 use super::node::{LOCK_TIMEOUT, NodeFolder};
@@ -68,8 +69,8 @@ impl Place {
     }
 
     /// Returns the folder of one node.
-    pub(super) fn node(&self, id: VehicleId) -> NodeFolder {
-        NodeFolder { path: self.folder.join(format!("node-{id}")), id }
+    pub(super) fn node(&self, id: VehicleName) -> NodeFolder {
+        NodeFolder { path: self.folder.join(format!("node-{}", id.dashed())), id }
     }
 
     pub(super) fn releases(&self) -> PathBuf {
@@ -99,10 +100,11 @@ mod tests {
         let place = Place::of(Path::new("/home/lab/.skein/lab/releases/0.1.0-1f2e3d4c5b6a/skein")).unwrap();
         assert_eq!(place.folder, Path::new("/home/lab/.skein/lab"));
         assert_eq!((place.swarm.as_str(), place.release.as_str()), ("lab", "0.1.0-1f2e3d4c5b6a"));
-        let node = place.node(VehicleId::new(3).unwrap());
-        let of = Installed { release: place.release, bundle: "00ff".to_owned() };
+        let node = place.node("3".parse().unwrap());
+        let of = Installed { release: place.release.clone(), bundle: "00ff".to_owned() };
         assert_eq!(node.install(&of), place.folder.join("node-3/installs/0.1.0-1f2e3d4c5b6a_00ff"));
         assert_eq!(installed(&node.install(&of)), Some(of));
+        assert_eq!(place.node("3/7".parse().unwrap()).path, place.folder.join("node-3-7"));
         for elsewhere in ["/usr/bin/skein", "/skein", "/home/a b/releases/x/skein", "/lab/release/x/skein"] {
             assert!(Place::of(Path::new(elsewhere)).is_none(), "{elsewhere}");
         }

@@ -166,7 +166,13 @@ fn users_units() -> PathBuf {
 
 /// Name of a node's unit.
 fn unit(swarm: &SwarmName, node: &NodeFolder) -> String {
-    format!("skein-{}-{}.service", swarm, node.id)
+    format!("{}.service", unit_stem(swarm, node))
+}
+
+/// Name of a node's unit, without its ending. The name of a swarm may have dashes, but no dots: vehicle 3/7 of `lab` is
+/// not vehicle 7 of a swarm `lab-3`.
+fn unit_stem(swarm: &SwarmName, node: &NodeFolder) -> String {
+    format!("skein-{swarm}-{}", node.id.to_string().replace('/', "."))
 }
 
 /// Text of a node's unit.
@@ -174,6 +180,7 @@ fn text(swarm: &SwarmName, node: &NodeFolder) -> Result<String, String> {
     let folder = node.path.to_str().filter(|path| !path.contains(['"', '\\', '$', '\n']));
     let folder = folder.ok_or_else(|| format!("{}: a systemd unit cannot name this path", node.path.display()))?;
     let text = TEMPLATE.replace("@NODE@", &folder.replace('%', "%%"));
+    let text = text.replace("@UNIT@", &unit_stem(swarm, node));
     Ok(text.replace("@SWARM@", swarm.as_str()).replace("@ID@", &node.id.to_string()))
 }
 

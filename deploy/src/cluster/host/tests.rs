@@ -21,7 +21,7 @@ fn place(folder: &Path) -> Place {
 }
 
 fn ask(place: &Place, ask: Ask) -> Result<Answer, String> {
-    let request = Request { swarm: place.swarm.clone(), id: VehicleId::new(1).unwrap(), ask };
+    let request = Request { swarm: place.swarm.clone(), id: "1".parse().unwrap(), ask };
     // Encoded as for a real request.
     let line = serde_json::to_vec(&request).unwrap();
     answer(place, read(&line[..])?)
@@ -51,7 +51,7 @@ fn a_node_is_installed_and_removed_again() {
     let before = ask(&place, Ask::Facts).unwrap();
     let Answer::Facts(facts) = before else { panic!("{before:?}") };
     assert!(facts.current.is_none() && facts.service.is_none() && facts.free_bytes > 0);
-    assert!(!place.node(VehicleId::new(1).unwrap()).path.exists(), "a request for facts writes nothing");
+    assert!(!place.node("1".parse().unwrap()).path.exists(), "a request for facts writes nothing");
 
     let (changed, facts) = done(ask(&place, apply()));
     assert!(changed && facts.current.is_some() && facts.service == Some(Service::Own));
@@ -71,7 +71,7 @@ fn an_impossible_request_fails_and_writes_nothing() {
         assert_eq!(ask(&place, asked), Err("nothing is installed for node 1".to_owned()));
     }
     let other = Place { swarm: SwarmName::new("other").unwrap(), ..place.clone() };
-    let request = Request { swarm: other.swarm, id: VehicleId::new(1).unwrap(), ask: Ask::Facts };
+    let request = Request { swarm: other.swarm, id: "1".parse().unwrap(), ask: Ask::Facts };
     assert_eq!(answer(&place, request), Err("the request is for swarm other, but this is swarm lab".to_owned()));
     assert!(read(&b"{\"swarm\":3}"[..]).unwrap_err().starts_with("not a valid request: "));
     assert_eq!(fs::read_dir(folder.path().join("skein/lab")).unwrap().count(), 1, "only the releases");
@@ -85,7 +85,7 @@ fn an_impossible_request_fails_and_writes_nothing() {
 #[test]
 fn sockets_are_in_the_services_folder_if_there_is_one() {
     let folder = tempfile::tempdir().unwrap();
-    let node = place(folder.path()).node(VehicleId::new(1).unwrap());
+    let node = place(folder.path()).node("1".parse().unwrap());
     let given = || Some("/run/skein-lab-1".into());
     assert_eq!(service::sockets(&node, Service::SystemdSystem, given()), Path::new("/run/skein-lab-1"));
     assert_eq!(

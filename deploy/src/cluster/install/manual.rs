@@ -19,7 +19,7 @@ pub(super) fn write(args: &InstallArgs, chosen: &Chosen, node: &Node, given: Opt
         row.note = Some("installed by hand: bring back by hand what it had".to_owned());
         return row;
     };
-    let folder = args.out.join(format!("node-{}", node.id));
+    let folder = args.out.join(format!("node-{}", node.id.dashed()));
     match write_all(&folder, chosen, node, given, args.dry_run) {
         Ok(changed) => {
             row.done = if changed { Done::Written } else { Done::Unchanged };

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use crate::keys::Role;
 use skein_agent::link::signature::runs::RunNote;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use super::done;
 use super::row::{Done, Row};
@@ -48,9 +48,9 @@ pub(super) fn roll(
     restarts: &[Restart<'_>],
     timeout_s: f64,
     progress: &Progress,
-    rows: &mut BTreeMap<VehicleId, Row>,
+    rows: &mut BTreeMap<VehicleName, Row>,
 ) -> Result<(), Error> {
-    let mut watch = Watch::open(&inventory.reach(Role::Observer)?, 0)?;
+    let mut watch = Watch::open(&inventory.reaches(Role::Observer)?, 0)?;
     let within = Duration::from_secs_f64(timeout_s);
     let mut stopped_at = None;
     for restart in restarts {

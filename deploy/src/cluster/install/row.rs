@@ -1,7 +1,7 @@
 //! Result for each node, as a table and as JSON.
 
 use serde::Serialize;
-use skein_common::id::VehicleId;
+use skein_common::id::VehicleName;
 
 use crate::cluster::nodes;
 use crate::cluster::protocol::Installed;
@@ -41,7 +41,7 @@ impl Done {
 /// Result for one node.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Row {
-    pub(super) node: VehicleId,
+    pub(super) node: VehicleName,
     pub(super) host: String,
     pub(super) done: Done,
     /// Why it failed, or what is wrong.

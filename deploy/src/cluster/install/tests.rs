@@ -45,7 +45,7 @@ fn the_table_shows_what_was_done() {
 fn a_node_without_ssh_gets_a_folder_to_carry() {
     let folder = tempfile::tempdir().unwrap();
     let mut inventory = lab(folder.path(), 2, "");
-    let id = VehicleId::new(2).unwrap();
+    let id = "2".parse().unwrap();
     inventory.nodes.get_mut(&id).unwrap().install = How::Manual;
     let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
     let node = chosen.manual().next().unwrap();

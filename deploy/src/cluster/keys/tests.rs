@@ -2,10 +2,11 @@ use std::fs;
 use std::path::Path;
 
 use super::*;
-use crate::inventory::tests::lab;
+use crate::inventory::tests::{TEAMS, fleet, lab};
 use crate::keys::certificate::Pair;
+use crate::reach::Reach;
 use skein_agent::link::Security;
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleName};
 use time::Duration;
 
 /// The owners and what was done, for the results in which something was done.
@@ -25,8 +26,17 @@ fn pair(folder: &Folder, role: Role) -> Pair {
     folder.pair(&certificate_file(role), &key_file(role)).unwrap().unwrap()
 }
 
+fn id(number: u8) -> VehicleName {
+    VehicleId::new(number).unwrap().into()
+}
+
+/// The connection to the only swarm of a cluster.
+fn reach(inventory: &Inventory, role: Role) -> Result<Reach, Error> {
+    inventory.reaches(role).map(|mut reaches| reaches.remove(0))
+}
+
 fn vehicle(number: u8) -> Role {
-    Role::Vehicle(VehicleId::new(number).unwrap())
+    Role::Vehicle(id(number))
 }
 
 #[test]
@@ -86,7 +96,7 @@ fn only_missing_moved_or_expiring_certificates_are_issued_again() {
         [("node 2", "issued again: does not belong to its key")]
     );
     let mut moved = inventory.clone();
-    moved.nodes.get_mut(&VehicleId::new(3).unwrap()).unwrap().address = "heli3.lab".to_owned();
+    moved.nodes.get_mut(&id(3)).unwrap().address = "heli3.lab".to_owned();
     assert_eq!(done(&make(&moved, None, None, now).unwrap()), [("node 3", "issued again: has another address")]);
     assert_eq!(done(&make(&moved, None, None, now).unwrap()), []);
     let certificate = inventory.keys.join("vehicle-1.pem");
@@ -198,7 +208,7 @@ fn a_revoked_name_stays_revoked_when_the_names_file_is_lost() {
     fs::remove_file(folder.path("vehicle-2.key")).unwrap();
     make(&lab(temporary.path(), 2, ""), None, None, now).unwrap();
     let anew = folder.need_names().unwrap();
-    let name = |number| anew.vehicles[&VehicleId::new(number).unwrap()].name.as_str();
+    let name = |number| anew.vehicles[&id(number)].name.as_str();
     assert_eq!((name(2), name(3)), ("vehicle-2.2", "vehicle-3.2"));
 }
 
@@ -208,7 +218,7 @@ fn the_valid_key_is_the_key_of_the_certificate() {
     let inventory = lab(temporary.path(), 2, "");
     let now = clock::utc();
     let folder = Folder(inventory.keys.clone());
-    let known = || folder.need_names().unwrap().vehicles[&VehicleId::new(1).unwrap()].key;
+    let known = || folder.need_names().unwrap().vehicles[&id(1)].key;
     make(&inventory, None, None, now).unwrap();
     let first = known();
     assert_eq!(SigningKey::from_pem(&pair(&folder, vehicle(1)).key).unwrap().key(), first);
@@ -254,22 +264,50 @@ fn impossible_requests_are_refused() {
 fn the_keys_in_the_folder_connect_to_the_swarm() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 2, "");
-    assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("`skein cluster keys` creates it"));
+    assert!(reach(&inventory, Role::Observer).unwrap_err().to_string().contains("`skein cluster keys` creates it"));
     make(&inventory, None, None, clock::utc()).unwrap();
-    let reach = inventory.reach(Role::Operator).unwrap();
-    assert_eq!((reach.swarm.as_str(), reach.agents.len()), ("lab", 2));
-    let Security::Tls(tls) = reach.security else { panic!("secured") };
+    let operator = reach(&inventory, Role::Operator).unwrap();
+    assert_eq!((operator.swarm.as_str(), operator.agents.len()), ("lab", 2));
+    let Security::Tls(tls) = operator.security else { panic!("secured") };
     assert_eq!((tls.key, tls.vehicles.len()), (inventory.keys.join("operator.key"), 2));
-    assert_eq!(tls.vehicles[&VehicleId::new(1).unwrap().into()].name, "vehicle-1");
+    assert_eq!(tls.vehicles[&id(1)].name, "vehicle-1");
     let signing_key = SigningKey::from_pem(&fs::read_to_string(inventory.keys.join("orders.key")).unwrap()).unwrap();
-    assert_eq!((reach.orders_key, reach.signing_key.unwrap().key()), (Some(signing_key.key()), signing_key.key()));
-    assert!(inventory.reach(Role::Observer).unwrap().signing_key.is_none(), "an observer cannot sign orders");
+    assert_eq!(
+        (operator.orders_key, operator.signing_key.unwrap().key()),
+        (Some(signing_key.key()), signing_key.key())
+    );
+    assert!(reach(&inventory, Role::Observer).unwrap().signing_key.is_none(), "an observer cannot sign orders");
     fs::write(inventory.keys.join("orders.pub"), "0".repeat(64)).unwrap();
-    let error = inventory.reach(Role::Operator).unwrap_err().to_string();
+    let error = reach(&inventory, Role::Operator).unwrap_err().to_string();
     assert!(error.contains("orders.key") && error.contains("not the private key of orders.pub"), "{error}");
     fs::write(inventory.keys.join("orders.pub"), "7").unwrap();
-    assert!(inventory.reach(Role::Observer).unwrap_err().to_string().contains("64 hexadecimal digits"));
+    assert!(reach(&inventory, Role::Observer).unwrap_err().to_string().contains("64 hexadecimal digits"));
     let plain = lab(temporary.path(), 2, "security = 'none'");
-    let reach = plain.reach(Role::Observer).unwrap();
-    assert_eq!((reach.security, reach.orders_key, reach.signing_key.is_none()), (Security::Plain, None, true));
+    let plain = reach(&plain, Role::Observer).unwrap();
+    assert_eq!((plain.security, plain.orders_key, plain.signing_key.is_none()), (Security::Plain, None, true));
+}
+
+#[test]
+fn the_certificates_of_a_fleet_are_for_one_vehicle_of_one_team() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = fleet(temporary.path(), TEAMS).unwrap();
+    let now = clock::utc();
+    let folder = Folder(inventory.keys.clone());
+    let lines = make(&inventory, None, None, now).unwrap();
+    let of_nodes: Vec<_> = lines.iter().filter(|line| line.who.starts_with("node ")).collect();
+    assert_eq!((of_nodes.len(), of_nodes[2].who.as_str(), of_nodes[2].name.as_str()), (7, "node 2/1", "vehicle-2-1"));
+    let whose: Whose = "2/1".parse().unwrap();
+    make(&inventory, None, Some(whose), now).unwrap();
+    let names = folder.need_names().unwrap();
+    let name = |vehicle: &str| names.vehicles[&vehicle.parse().unwrap()].name.as_str();
+    assert_eq!(
+        [name("1/1"), name("2/1"), name("2/2"), name("3/1")],
+        ["vehicle-1-1", "vehicle-2-1.2", "vehicle-2-2", "vehicle-3-1"]
+    );
+    // A lost list of names is made again from the certificates.
+    fs::remove_file(folder.path("names.toml")).unwrap();
+    assert_eq!(done(&make(&inventory, None, None, now).unwrap()), []);
+    assert_eq!(folder.need_names().unwrap(), names);
+    let unknown = make(&inventory, None, Some("2/4".parse().unwrap()), now).unwrap_err().to_string();
+    assert!(unknown.contains("vehicle 2/4 is not in"), "{unknown}");
 }

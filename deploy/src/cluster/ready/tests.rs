@@ -1,6 +1,8 @@
 use skein_common::message::{Header, Heartbeat};
 use skein_common::time::SenderStamp;
 
+use skein_common::id::VehicleId;
+
 use super::*;
 
 fn id() -> VehicleId {

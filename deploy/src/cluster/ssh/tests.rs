@@ -31,7 +31,7 @@ pub(in crate::cluster) fn local(folder: &Path) -> Ssh {
 
 pub(in crate::cluster) fn node(id: u8, host: Option<&str>) -> Node {
     Node {
-        id: skein_common::id::VehicleId::new(id).unwrap(),
+        id: skein_common::id::VehicleId::new(id).unwrap().into(),
         host: host.map(str::to_owned),
         user: None,
         address: format!("10.0.0.{id}"),
@@ -190,7 +190,7 @@ fn nodes_are_grouped_by_host_and_user() {
     let hosts = by_host(&nodes);
     let grouped: Vec<_> = hosts
         .iter()
-        .map(|(host, nodes)| (host.to_string(), nodes.iter().map(|node| node.id.get()).collect::<Vec<_>>()))
+        .map(|(host, nodes)| (host.to_string(), nodes.iter().map(|node| node.id.vehicle.get()).collect::<Vec<_>>()))
         .collect();
     assert_eq!(grouped, [("b".to_owned(), vec![1, 4]), ("a".to_owned(), vec![2]), ("other@b".to_owned(), vec![5])]);
 }

@@ -2,7 +2,12 @@
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 
+use skein_common::id::TeamId;
+
 use super::{HealthReport, NodeStatus, SwarmStatus};
+
+/// Largest fleet whose nodes have a row each; beyond it, each team has one, as in the table of `fly`.
+const MAX_ROWS: usize = 16;
 
 const HEADER: [&str; 14] = [
     "node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "links", "o/i", "fault",
@@ -17,6 +22,8 @@ const LEGEND: [&str; 6] = [
     "links: with other agents and observers   o/i: messages published and received, a second, since its start",
     "fault: what has failed, named below   refused: messages not believed since the start, named below",
 ];
+/// What the rows of teams show.
+const OF_TEAMS: &str = "a row for each team, with its nodes in contact of all, and of each figure the worst of them; refused: of all of them";
 /// Columns with text; the others hold numbers.
 const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
 
@@ -24,10 +31,16 @@ const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
 pub(super) fn of(status: &SwarmStatus, file: &str) -> String {
     let mut table = Table::new();
     // On a narrower terminal, cells are wrapped at spaces.
-    table.load_style(presets::NOTHING).set_header(HEADER).set_content_arrangement(ContentArrangement::Dynamic);
-    for node in &status.nodes {
-        table.add_row(row(node));
+    table.load_style(presets::NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
+    let teams = if status.nodes.len() > MAX_ROWS { teams(status) } else { Vec::new() };
+    let mut header = HEADER;
+    if teams.is_empty() {
+        table.add_rows(status.nodes.iter().map(|node| row(node.id.to_string(), node.report.as_ref())));
+    } else {
+        header[0] = "team";
+        table.add_rows(teams.iter().map(|(team, nodes)| team_row(*team, nodes)));
     }
+    table.set_header(header);
     for (nth, column) in table.column_iter_mut().enumerate() {
         column.set_padding((0, 2));
         if !TEXT_COLUMNS.contains(&nth) {
@@ -36,7 +49,8 @@ pub(super) fn of(status: &SwarmStatus, file: &str) -> String {
     }
     let lines = table.to_string();
     let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
-    LEGEND.iter().for_each(|line| text += &format!("{line}\n"));
+    let of_teams = (!teams.is_empty()).then_some(OF_TEAMS);
+    of_teams.iter().chain(&LEGEND).for_each(|line| text += &format!("{line}\n"));
     status.nodes.iter().for_each(|node| text += &notes(node));
     if status.nodes.iter().any(|node| node.report.is_none()) {
         text +=
@@ -45,9 +59,52 @@ pub(super) fn of(status: &SwarmStatus, file: &str) -> String {
     text
 }
 
-fn row(node: &NodeStatus) -> [String; 14] {
-    let id = node.id.to_string();
-    let Some(report) = &node.report else {
+/// The nodes of each team of a fleet, in the order of the teams.
+fn teams(status: &SwarmStatus) -> Vec<(TeamId, &[NodeStatus])> {
+    let by_team = status.nodes.chunk_by(|one, next| one.team == next.team);
+    by_team.filter_map(|nodes| Some((nodes.first()?.team?, nodes))).collect()
+}
+
+/// The row of a team: the worst of its nodes in contact.
+fn team_row(team: TeamId, nodes: &[NodeStatus]) -> [String; 14] {
+    let reports = nodes.iter().filter_map(|node| node.report.as_ref());
+    let id = format!("{team} ({}/{})", reports.clone().count(), nodes.len());
+    row(id, reports.cloned().reduce(worst).as_ref())
+}
+
+/// Both reports as one: of each figure the worse, all faults, and the sum of what was rejected.
+fn worst(one: HealthReport, other: HealthReport) -> HealthReport {
+    let text = |one: String, other: &String| if one == *other { one } else { "several".to_owned() };
+    let most = |one: Option<f64>, other: Option<f64>| [one, other].into_iter().flatten().max_by(f64::total_cmp);
+    let off = |report: &HealthReport| report.clock_offset_ms.map(f64::abs);
+    let clock = if off(&other) > off(&one) { &other } else { &one };
+    let (clock_offset_ms, clock_bound_ms) = (clock.clock_offset_ms, clock.clock_bound_ms);
+    HealthReport {
+        version: text(one.version, &other.version),
+        plant: text(one.plant, &other.plant),
+        phase: text(one.phase, &other.phase),
+        frame_rate_hz: one.frame_rate_hz.min(other.frame_rate_hz),
+        jitter_ms: one.jitter_ms.max(other.jitter_ms),
+        peers_seen: one.peers_seen.min(other.peers_seen),
+        peers: one.peers,
+        peer_age_ms: most(one.peer_age_ms, other.peer_age_ms),
+        peer_delay_ms: one.peer_delay_ms.zip(other.peer_delay_ms).map(|(one, other)| one.max(other)),
+        clock_offset_ms,
+        clock_bound_ms,
+        clock_is_off: one.clock_is_off || other.clock_is_off,
+        faults: [one.faults, other.faults].concat(),
+        links: one.links.max(other.links),
+        sent_per_s: one.sent_per_s.max(other.sent_per_s),
+        received_per_s: one.received_per_s.max(other.received_per_s),
+        bytes_per_s: [0, 1].map(|way| one.bytes_per_s[way].max(other.bytes_per_s[way])),
+        refused: one.refused + other.refused,
+        refusals: Vec::new(),
+        uptime_s: one.uptime_s.min(other.uptime_s),
+    }
+}
+
+fn row(id: String, report: Option<&HealthReport>) -> [String; 14] {
+    let Some(report) = report else {
         let mut row = [(); 14].map(|()| "-".to_owned());
         row[0] = id;
         row[3] = "not in contact".to_owned();

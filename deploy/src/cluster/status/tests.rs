@@ -1,14 +1,14 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use skein_common::id::Incarnation;
+use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{ClockOffset, Drops, Failure, Header, Heartbeat, PeerHealth, Reason, Refused, Traffic};
 use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
 
 use super::*;
 use crate::inventory::tests::lab;
-use crate::observe::SwarmMessage;
+use crate::observe::{Observer, SwarmMessage};
 use crate::reach::{Flown, Reach};
 
 fn id(number: u8) -> VehicleId {
@@ -65,7 +65,7 @@ fn status_of(
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
     let mut observer = Observer::open(&reach, TraceSubscription::Off).unwrap();
     observer.inject(received);
-    SwarmStatus::of(&inventory, &observer, now)
+    SwarmStatus::of(&inventory, &observer.into(), now)
 }
 
 /// The vehicle's heartbeat in this incarnation.
@@ -246,4 +246,44 @@ fn a_node_that_has_fallen_silent_is_not_listed_as_reporting() {
     let all = || (1..=4).map(|number| health(number, 0.0)).collect();
     assert!(status(folder.path(), all(), Duration::from_secs(3)).is_good());
     assert!(status(folder.path(), all(), Duration::from_secs(4)).nodes.iter().all(|node| node.report.is_none()));
+}
+
+/// The status of a fleet of five teams of four; the last two vehicles of team 3 are not in contact.
+fn fleet_status() -> SwarmStatus {
+    let node = |team: u16, vehicle: u8| {
+        let team = TeamId::new(team).unwrap();
+        let id = VehicleName { team: Some(team), vehicle: VehicleId::new(vehicle).unwrap() };
+        let mut report = HealthReport::of(&health(vehicle, 0.0), 3);
+        if id.to_string() == "2/3" {
+            report.phase = "landing".to_owned();
+            (report.frame_rate_hz, report.jitter_ms, report.refused) = (20.0, 30.0, 5);
+            report.faults.push("no gyro".to_owned());
+        }
+        let report = (team.get() != 3 || vehicle < 3).then_some(report);
+        NodeStatus { id, team: Some(team), host: None, endpoint: "tls/x:1".to_owned(), report, why: None }
+    };
+    let nodes = (1..=5).flat_map(|team| (1..=4).map(move |vehicle| node(team, vehicle))).collect();
+    SwarmStatus { swarm: "lab".to_owned(), nodes }
+}
+
+#[test]
+fn a_large_fleet_has_a_row_for_each_team_with_the_worst_of_its_nodes() {
+    let status = fleet_status();
+    let text = table::of(&status, "lab.toml");
+    let rows: Vec<Vec<&str>> = text.lines().take(6).map(|line| line.split_whitespace().collect()).collect();
+    assert_eq!(rows[0][0], "team");
+    let begins: Vec<String> = rows[1..].iter().map(|row| row[..5].join(" ")).collect();
+    let version = "0.1.0-1f2e3d4c5b6a builtin";
+    assert_eq!(begins[0], format!("1 (4/4) {version} formation"));
+    assert_eq!(begins[1], format!("2 (4/4) {version} several"));
+    assert_eq!(begins[2], format!("3 (2/4) {version} formation"));
+    assert_eq!((rows[2][5], rows[2][6], rows[1][5]), ("20", "30.0", "50"), "{text}");
+    assert!(text.lines().all(|line| line.chars().count() <= 120), "{text}");
+    assert!(text.contains("node 2/3: no gyro\n") && text.contains("node 3/4 (tls/x:1) is not in contact\n"), "{text}");
+    assert_eq!(verdict(&status).unwrap_err().to_string(), "not in contact: node 3/3-4; faulty: node 2/3");
+    let json = serde_json::to_value(&status).unwrap();
+    assert_eq!((&json["nodes"][6]["id"], &json["nodes"][6]["team"]), (&"2/3".into(), &2.into()));
+    // Small fleets have a row for each node.
+    let small = SwarmStatus { nodes: status.nodes[..16].to_vec(), ..status };
+    assert!(table::of(&small, "lab.toml").contains("\n 2/3  "), "{}", table::of(&small, "lab.toml"));
 }

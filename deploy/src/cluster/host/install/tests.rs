@@ -36,7 +36,7 @@ impl Host {
     }
 
     fn node(&self, id: u8) -> NodeFolder {
-        let node = self.place("r1").node(VehicleId::new(id).unwrap());
+        let node = self.place("r1").node(VehicleId::new(id).unwrap().into());
         node::make_folders(&[node.installs(), node.run()]).unwrap();
         node
     }
@@ -122,10 +122,10 @@ fn a_release_that_another_node_needs_is_kept() {
     host.apply(2, "r2", &bundle("a")).unwrap();
     host.apply(2, "r2", &bundle("b")).unwrap();
     assert_eq!(host.releases(), ["r1", "r2"]);
-    assert_eq!(remove(&host.place("r2"), &host.place("r2").node(VehicleId::new(1).unwrap())), Ok(true));
+    assert_eq!(remove(&host.place("r2"), &host.place("r2").node("1".parse().unwrap())), Ok(true));
     assert_eq!(host.releases(), ["r2"]);
     assert_eq!(names(&host.swarm()), ["lock", "node-2", "releases"]);
-    assert_eq!(remove(&host.place("r2"), &host.place("r2").node(VehicleId::new(2).unwrap())), Ok(true));
+    assert_eq!(remove(&host.place("r2"), &host.place("r2").node("2".parse().unwrap())), Ok(true));
     assert_eq!(names(host.folder.path()), [""; 0], "nothing is left");
 }
 

@@ -3,7 +3,7 @@ use tempfile::TempDir;
 use super::*;
 use crate::cluster::host::place::Place;
 use crate::cluster::protocol::Installed;
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::SwarmName;
 
 /// A host whose `systemctl` and `loginctl` record their arguments.
 struct Host {
@@ -34,7 +34,7 @@ impl Host {
     }
 
     fn node(&self) -> NodeFolder {
-        self.place().node(VehicleId::new(3).unwrap())
+        self.place().node("3".parse().unwrap())
     }
 
     /// The recorded calls since the last call of this function.
@@ -103,7 +103,7 @@ fn an_error_of_systemd_is_reported_with_its_own_message() {
 fn a_path_that_a_unit_cannot_contain_is_refused() {
     let host = Host::new(true);
     let place = Place { folder: "/home/a\"b/lab".into(), ..host.place() };
-    assert!(text(&place.swarm, &place.node(VehicleId::new(1).unwrap())).is_err());
+    assert!(text(&place.swarm, &place.node("1".parse().unwrap())).is_err());
 }
 
 /// Verified by systemd itself; with `SKEIN_NAMESPACES=required` it must be available.
