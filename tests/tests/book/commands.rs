@@ -39,6 +39,7 @@ pages! {
     recordings: "deploy/book/src/recordings.md",
     xplane: "deploy/book/src/xplane.md",
     cluster: "deploy/book/src/cluster.md",
+    cluster_fleets: "deploy/book/src/cluster-fleets.md",
     cluster_operate: "deploy/book/src/cluster-operate.md",
     cluster_security: "deploy/book/src/cluster-security.md",
     cluster_troubleshoot: "deploy/book/src/cluster-troubleshoot.md",

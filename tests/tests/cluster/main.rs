@@ -16,6 +16,7 @@ mod intruders;
 mod lab;
 mod page;
 mod sky;
+mod teams;
 
 use std::io::{Write, stdout};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -90,6 +91,12 @@ fn a_swarm_is_installed_flown_disturbed_upgraded_and_uninstalled() {
     let sky = flight.upgrade(sky);
     let _alone = alone();
     flight.end(&sky);
+}
+
+#[test]
+fn a_fleet_of_teams_is_installed_flown_ordered_by_team_and_uninstalled() {
+    let Some(_alone) = alone() else { return };
+    teams::fly();
 }
 
 #[test]

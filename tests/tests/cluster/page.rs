@@ -20,7 +20,7 @@ pub(super) fn print() {
     let lab = Lab::new("page", |_| &[]);
     let folder = lab.operator().path("/root/lab");
     fs::create_dir_all(&folder).unwrap();
-    for (name, text) in files() {
+    for (name, text) in files(PAGE) {
         fs::write(folder.join(name), text).unwrap();
     }
     let _fleet = Fleet::start(&lab, 1..=VEHICLES);
@@ -79,9 +79,9 @@ pub(super) fn print() {
     }
 }
 
-/// The files of the page: the fences whose info string has `file=NAME`.
-fn files() -> impl Iterator<Item = (&'static str, &'static str)> {
-    PAGE.split("\n```toml file=").skip(1).map(|fence| {
+/// The files of a page: the fences whose info string has `file=NAME`.
+pub(super) fn files(page: &'static str) -> impl Iterator<Item = (&'static str, &'static str)> {
+    page.split("\n```toml file=").skip(1).map(|fence| {
         let (name, rest) = fence.split_once('\n').unwrap();
         (name, rest.split_once("\n```").unwrap().0)
     })
