@@ -61,7 +61,7 @@ pub struct FlownFleet {
     pub own_team: Option<Received>,
     /// From other teams; `None` if it was not counted apart.
     pub other_teams: Option<Received>,
-    /// From everybody.
+    /// From all of them.
     pub all: Received,
     /// Links of an agent with other agents and with observers; `None` in virtual time.
     pub links: Option<OverVehicles>,
