@@ -219,7 +219,7 @@ fn watcher() {
 #[ignore = "takes two minutes; `.ci/long` runs it"]
 fn two_sites_joined_by_routers() {
     if can_run() {
-        print_line(&two_sites::fly());
+        two_sites::fly();
     }
 }
 

@@ -175,10 +175,8 @@ impl Sites {
 
     /// Lets each packet at the joint be lost with this probability, in percent; both directions alike.
     pub(super) fn lose(&self, percent: u32) {
-        let rules = format!(
-            "table inet joint {{ chain in {{ type filter hook input priority 0; iifname \"joint\" numgen random mod 100 < {percent} \
-             drop; }} }}"
-        );
+        let rule = format!("iifname \"joint\" numgen random mod 100 < {percent} drop");
+        let rules = format!("table inet joint {{\nchain in {{\ntype filter hook input priority 0;\n{rule}\n}}\n}}\n");
         for site in Site::BOTH {
             let status = self.namespaces.command(site.name(), "nft").arg(&rules).status().unwrap();
             assert!(status.success(), "nft {rules}");
