@@ -2,9 +2,10 @@
 //!
 //! The paper counts the payload in one direction only ([`PaperEquation`]). Here `wire` adds the overhead of Ethernet,
 //! IP, UDP and TCP, `measure` measures on this PC what a message costs in bytes and processor time, and `fleet`
-//! multiplies.
+//! multiplies. What a fleet of teams receives by cells was flown: `flown`.
 
 mod fleet;
+mod flown;
 mod here;
 mod measure;
 mod message_cost;
@@ -22,6 +23,7 @@ use skein_agent::unix;
 use skein_common::id::VehicleId;
 
 pub use fleet::{Load, Scheme};
+pub use flown::{FlownFleet, OverVehicles, Received};
 pub use here::{Demand, agrees, ask_for, exceeded_by};
 pub use measure::{Effort, Measured, StateRate, StepTime, measure};
 pub use message_cost::{MessageSize, MessageTime};
@@ -47,6 +49,8 @@ pub struct Capacity {
     pub measured: Measured,
     /// The capacity of each communication scheme.
     pub schemes: Vec<Fits>,
+    /// What the vehicles of a fleet received by cells.
+    pub fleet: FlownFleet,
 }
 
 /// How many vehicles fit with one communication scheme.
@@ -64,17 +68,23 @@ pub struct Fits {
     pub loads: Vec<(u32, Load)>,
 }
 
-/// Runs `skein report --capacity`: measures, prints the tables, and writes them with the figure into the folder, if
-/// given.
+/// Duration of the flight of the fleet of `skein report --capacity`, s.
+const FLEET_S: f64 = 40.0;
+
+/// Runs `skein report --capacity`: measures, prints the tables, and writes them with the figure into the folder `out`, if
+/// given. `flown` is the folder of a flight of a fleet; without it a fleet is flown.
 ///
 /// # Errors
-/// If the measurement fails, or the folder cannot be written.
-pub fn run(out: Option<&Path>, json: bool) -> Result<(), Error> {
+/// If the measurement fails, `flown` has no flight of a fleet, or the folder cannot be written.
+pub fn run(flown: Option<&Path>, out: Option<&Path>, json: bool) -> Result<(), Error> {
+    let flown = flown.map(FlownFleet::read).transpose()?;
     let out = out.map(|out| out::folder(Some(out), "")).transpose()?;
     // Use the same number of Zenoh threads as agents do.
     unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     eprintln!("measuring for about ten seconds; other programs on this PC affect the figures");
-    let capacity = Capacity::of(measure(Effort::FULL)?);
+    let measured = measure(Effort::FULL)?;
+    let fleet = flown.map_or_else(|| FlownFleet::fly(FLEET_S), Ok)?;
+    let capacity = Capacity::of(measured, fleet);
     let text = capacity.to_text();
     skein_lab::terminal::say(&if json { skein_lab::terminal::json(&capacity) } else { text.clone() });
     let Some(out) = out else { return Ok(()) };
@@ -91,7 +101,7 @@ pub fn run(out: Option<&Path>, json: bool) -> Result<(), Error> {
 
 impl Capacity {
     /// Calculates the capacity of every scheme from the measurements.
-    pub fn of(measured: Measured) -> Self {
+    pub fn of(measured: Measured, fleet: FlownFleet) -> Self {
         let fits = |scheme: &Scheme| Fits {
             scheme: scheme.name(),
             port_1_gbit: scheme.most(&measured, |load| load.port_bit_s.iter().all(|bit_s| *bit_s <= GIGABIT_S)),
@@ -103,7 +113,7 @@ impl Capacity {
             loads: FLEETS.map(|vehicles| (vehicles, scheme.load(&measured, vehicles))).to_vec(),
         };
         let schemes = Scheme::all(&measured).iter().map(fits).collect();
-        Self { paper: PaperEquation::PAPER, paper_vehicles: PaperEquation::PAPER.vehicles(), measured, schemes }
+        Self { paper: PaperEquation::PAPER, paper_vehicles: PaperEquation::PAPER.vehicles(), measured, schemes, fleet }
     }
 
     /// Formats the result as text.
@@ -112,9 +122,14 @@ impl Capacity {
         let limit = VehicleId::MAX;
         format!(
             "{paper}\n{measured}\nHow many vehicles fit (Skein numbers them up to {limit}; more is arithmetic)\n\n{}\n\
-             Mbit/s at the busiest port, the busier direction · cores of the busiest computer · Mbit/s in the whole network\n\n{}",
+             Mbit/s at the busiest port, the busier direction · cores of the busiest computer · Mbit/s in the whole network\n\n{}\n\
+             By cells, as flown: {}\n\n{}\n\
+             What one vehicle receives: mean of the {} vehicles [most of one]. Cores: at the processor time of a message above.\n",
             self.fits_table(),
-            self.loads_table()
+            self.loads_table(),
+            self.fleet.flight,
+            self.fleet_table(),
+            self.fleet.vehicles
         )
     }
 
@@ -184,6 +199,35 @@ impl Capacity {
             };
             table.add_row([fits.scheme.clone()].into_iter().chain(fits.loads.iter().map(cell)));
         }
+        format!("{table}\n")
+    }
+
+    /// What a vehicle of the flown fleet receives, beside the same number of vehicles all to all.
+    fn fleet_table(&self) -> String {
+        let Measured { time, state, heartbeat, heartbeat_hz, .. } = &self.measured;
+        let FlownFleet { vehicles, own_team, other_teams, all, links, .. } = &self.fleet;
+        let cores = |messages_per_s: f64| {
+            time.message_us.map_or_else(|| "–".to_owned(), |message_us| digits(messages_per_s * message_us * 1e-6))
+        };
+        let both = |figure: &OverVehicles, unit: f64| {
+            format!("{} [{}]", digits(figure.mean / unit), digits(figure.most / unit))
+        };
+        let row = |name: &str, received: &Received, links: Option<&OverVehicles>| {
+            let (messages, bytes) = (both(&received.messages_per_s, 1.0), both(&received.bytes_per_s, 1e3));
+            let links = links.map_or_else(|| "–".to_owned(), |links| both(links, 1.0));
+            [name.to_owned(), messages, bytes, links, cores(received.messages_per_s.mean)]
+        };
+        let mut table = table(&["", "messages/s", "payload kB/s", "links", "cores"]);
+        own_team.iter().for_each(|received| _ = table.add_row(row("from the own team", received, None)));
+        other_teams.iter().for_each(|received| _ = table.add_row(row("from other teams, by cells", received, None)));
+        table.add_row(row("together", all, links.as_ref()));
+        let (others, states_hz) = (vehicles.saturating_sub(1) as f64, self.measured.states_hz());
+        let messages_per_s = others * (states_hz + heartbeat_hz);
+        let payload = states_hz * state.encoded_bytes as f64 + heartbeat_hz * heartbeat.encoded_bytes as f64;
+        let bytes_per_s = others * payload;
+        let name = "mesh, on need, all to all: computed".to_owned();
+        let bytes = digits(bytes_per_s / 1e3);
+        table.add_row([name, digits(messages_per_s), bytes, format!("{others}"), cores(messages_per_s)]);
         format!("{table}\n")
     }
 }

@@ -23,7 +23,7 @@ pub const FLEET_KEYS: &[Key] = &[
     Key::new("fleet.places_ne_m", Kind::Path, Literal::Nothing,
         "place of each team, north and east of the origin, for `pattern = \"list\"`"),
     Key::new("fleet.record_hz", Kind::Number(Range { min: 0.01, max: 10.0, min_included: true }), Literal::Number(1.0),
-        "rate at which a study records the places of all vehicles; 1 Hz keeps ten minutes of ten thousand vehicles below 200 MB"),
+        "rate at which the recording of a fleet has the places of all vehicles; 1 Hz keeps ten minutes of ten thousand vehicles below 200 MB"),
 ];
 
 /// What a file describes: one swarm, or a fleet of teams.

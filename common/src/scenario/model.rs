@@ -76,9 +76,9 @@ pub struct TeamInFleet {
     pub place_ne_m: [f64; 2],
     /// The fleet's origin. The cells of the map count from it.
     pub origin: OriginSettings,
-    /// Rate at which a study records the places of all vehicles, Hz.
+    /// Rate at which the recording of the fleet has the places of all vehicles, Hz.
     pub record_hz: f64,
-    /// Whether a study records all of the team.
+    /// Whether all of the team is recorded, too.
     pub is_recorded: bool,
     /// The seed that the file gives to the team. The team's own seed follows from it and the team's number.
     pub seed: u64,

@@ -57,6 +57,7 @@ mod report;
 mod separation;
 mod series;
 mod shape;
+mod traffic;
 mod transient;
 mod vehicle;
 
@@ -82,6 +83,7 @@ pub use report::{Report, Run, VehicleReport, Wall};
 use separation::Separations;
 use series::{AgeHistogram, AgeSampling, FormationSeries, InFormation, Settling};
 pub(crate) use shape::Shape;
+pub use traffic::{TRAFFIC_FILE, VehicleTraffic, read_traffic, traffic_csv};
 use transient::Transients;
 use vehicle::Standing;
 pub use vehicle::VehicleNow;

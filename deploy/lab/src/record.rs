@@ -50,8 +50,7 @@ use skein_common::scenario::ScenarioError;
 
 pub use csv::csv;
 pub(crate) use draft::Draft;
-pub(crate) use fleet::FleetWriter;
-pub use fleet::{FLEET_FILE, TeamPlaces, VehiclePlace, read_fleet};
+pub use fleet::{FLEET_FILE, FleetWriter, TeamPlaces, VehiclePlace, read_fleet};
 pub(crate) use format::log_time_ns;
 pub use merge::merge;
 pub use reader::read;

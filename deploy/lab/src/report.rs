@@ -51,6 +51,9 @@ pub fn run(ReportArgs { of, out, csv }: &ReportArgs) -> Result<(), Error> {
 /// Makes the page about a recording, a folder of runs or a folder of scenarios.
 fn page(of: &Path) -> Result<Page, Error> {
     if of.is_file() {
+        if let Some(section) = fleet::of_file(of, stem(of))? {
+            return Ok(Page { title: stem(of), about: of.display().to_string(), sections: vec![section] });
+        }
         let (recording, title) = recording(of)?;
         let about = flight::subject(&recording.run);
         let section = Section { title: "The flight".to_owned(), name: stem(of), parts: flight_parts(&recording) };

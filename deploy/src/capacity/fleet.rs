@@ -4,16 +4,14 @@
 //!   The controller computes every vehicle's law: the only load that grows as N² in one place.
 //! * **Mesh**: every vehicle sends to every other, as in Skein. Each computer receives from N − 1 others; the whole network
 //!   carries N·(N − 1) streams.
-//! * **By cells**: states go only to the vehicles in the sender's cell and the eight cells around it. Heartbeats still go to
-//!   every vehicle. (The keys contain the cells; agents subscribe to all cells today.)
+//!
+//! What a fleet of teams receives by cells is not calculated but flown: [`super::flown`].
 //!
 //! A message between agents is one TCP segment. It is acknowledged by the next segment in the opposite direction, if
 //! one follows within the 40 ms that Linux waits, or else by a frame of its own.
 
 use serde::Serialize;
 use skein_agent::plant::xplane::wire::{dref, rpos};
-use skein_common::math;
-use skein_common::topic::Cell;
 
 use super::measure::Measured;
 use super::message_cost::{FRAME_HZ, MessageSize};
@@ -58,13 +56,6 @@ pub enum Scheme {
         /// States of one vehicle a second.
         states_hz: f64,
     },
-    /// Every vehicle's states to the vehicles in the nine cells around it.
-    Cells {
-        /// States of one vehicle a second.
-        states_hz: f64,
-        /// Largest number of other vehicles in the nine cells.
-        near: f64,
-    },
 }
 
 impl Scheme {
@@ -83,13 +74,8 @@ impl Scheme {
             outward_count: 4,
         };
         let every_frame = Self::Mesh { name: "mesh, every frame", states_hz: FRAME_HZ };
-        let states_hz = measured.state_rates.iter().map(|rate| rate.states_hz).fold(0.0, f64::max);
-        let on_need = Self::Mesh { name: "mesh, on need", states_hz };
-        // A formation as dense as the hover, extended without limit.
-        let apart_m = measured.state_rates.first().and_then(|rate| rate.nearest_pair_m);
-        let near = apart_m.map(|apart_m| (9.0 * math::square(Cell::SIDE_M / apart_m)).round());
-        let by_cells = near.map(|near| Self::Cells { states_hz, near });
-        [data, datarefs, Self::CentralZenoh, every_frame, on_need].into_iter().chain(by_cells).collect()
+        let on_need = Self::Mesh { name: "mesh, on need", states_hz: measured.states_hz() };
+        vec![data, datarefs, Self::CentralZenoh, every_frame, on_need]
     }
 
     /// Name of the scheme in tables and figures.
@@ -97,7 +83,6 @@ impl Scheme {
         match self {
             Self::CentralDatagrams { name, .. } | Self::Mesh { name, .. } => (*name).to_owned(),
             Self::CentralZenoh => "central, states in, commands back over Zenoh".to_owned(),
-            Self::Cells { near, .. } => format!("mesh, on need, by cells, {near} near by"),
         }
     }
 
@@ -105,7 +90,7 @@ impl Scheme {
     pub fn is_central(&self) -> bool {
         match self {
             Self::CentralDatagrams { .. } | Self::CentralZenoh => true,
-            Self::Mesh { .. } | Self::Cells { .. } => false,
+            Self::Mesh { .. } => false,
         }
     }
 
@@ -131,8 +116,7 @@ impl Scheme {
                 let cores = cores(messages_us, steps_us(measured, count, others));
                 Load { port_bit_s: [each_way; 2], cores, network_bit_s: 2.0 * each_way }
             }
-            Self::Mesh { states_hz, .. } => mesh(measured, count, others, states_hz),
-            Self::Cells { states_hz, near } => mesh(measured, count, near.min(others), states_hz),
+            Self::Mesh { states_hz, .. } => mesh(measured, count, states_hz),
         }
     }
 
@@ -147,18 +131,16 @@ impl Scheme {
     }
 }
 
-/// The load of a mesh in which every vehicle receives the states of `near` others and the heartbeats of all others.
-fn mesh(measured: &Measured, count: f64, near: f64, states_hz: f64) -> Load {
+/// The load of a mesh in which every vehicle receives the states and heartbeats of all others.
+fn mesh(measured: &Measured, count: f64, states_hz: f64) -> Load {
     let (others, heartbeat_hz) = (count - 1.0, measured.heartbeat_hz);
-    let near_hz = states_hz + heartbeat_hz;
-    let of_near =
-        states_hz * message_bits(measured.state, near_hz) + heartbeat_hz * message_bits(measured.heartbeat, near_hz);
-    let of_far = heartbeat_hz * message_bits(measured.heartbeat, heartbeat_hz);
+    let link_hz = states_hz + heartbeat_hz;
+    let of_one =
+        states_hz * message_bits(measured.state, link_hz) + heartbeat_hz * message_bits(measured.heartbeat, link_hz);
     // As much is received as sent, because the same pairs send in both directions.
-    let each_way = near * of_near + (others - near) * of_far;
-    let messages = near * states_hz + others * heartbeat_hz;
-    let messages_us = measured.time.message_us.map(|message_us| messages * message_us);
-    let cores = cores(messages_us, steps_us(measured, 1.0, near));
+    let each_way = others * of_one;
+    let messages_us = measured.time.message_us.map(|message_us| others * link_hz * message_us);
+    let cores = cores(messages_us, steps_us(measured, 1.0, others));
     Load { port_bit_s: [each_way; 2], cores, network_bit_s: count * each_way }
 }
 
@@ -242,17 +224,6 @@ pub(super) mod tests {
         // So rare that every message is acknowledged by a frame of its own.
         near(on_need.port_bit_s[0], 9.0 * 5.0 * (190.0 + 90.0 + 150.0 + 90.0) * 8.0);
         near(load(&every_frame, 1).port_bit_s[0] + 1.0, 1.0);
-    }
-
-    #[test]
-    fn by_cells_only_heartbeats_come_from_every_vehicle() {
-        let schemes = Scheme::all(&measured());
-        let cells = schemes.last().unwrap();
-        assert_eq!(*cells, Scheme::Cells { states_hz: 10.0, near: 900.0 }, "one in every 100 m by 100 m, on 9 km²");
-        let (few, many) = (load(cells, 901), load(cells, 1901));
-        assert_eq!(few, load(&Scheme::Mesh { name: "", states_hz: 10.0 }, 901), "all others are in the nine cells");
-        near(many.port_bit_s[0] - few.port_bit_s[0], 1000.0 * 5.0 * (150.0 + 90.0) * 8.0);
-        near(many.cores.unwrap() - few.cores.unwrap(), 1000.0 * 5.0 * 40.0 * 1e-6);
     }
 
     #[test]

@@ -63,6 +63,13 @@ pub struct Measured {
     pub step: Option<StepTime>,
 }
 
+impl Measured {
+    /// The highest rate of states of all measured flights, Hz.
+    pub fn states_hz(&self) -> f64 {
+        self.state_rates.iter().map(|rate| rate.states_hz).fold(0.0, f64::max)
+    }
+}
+
 /// How often a vehicle sends its state on need, in a flight in virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StateRate {

@@ -19,14 +19,14 @@ fn the_measurements_are_plausible() {
         let step = measured.step.unwrap();
         assert!(step.alone_us + step.per_peer_us > 0.0 && step.alone_us < 10_000.0, "{step:?}");
     }
-    let capacity = Capacity::of(measured);
+    let capacity = Capacity::of(measured, flown::tests::flown());
     assert_eq!(capacity.schemes[0].port_1_gbit, 7_739, "the paper's datagrams, each with its frame");
     assert!(f64::from(capacity.schemes[0].port_1_gbit) < capacity.paper_vehicles);
 }
 
 #[test]
 fn the_tables_contain_the_measurements_and_the_capacities() {
-    let capacity = Capacity::of(fleet::tests::measured());
+    let capacity = Capacity::of(fleet::tests::measured(), flown::tests::flown());
     let text = capacity.to_text();
     for part in [
         "(40 + 7 x 288) bit x 50 Hz) = 9727 vehicles",
@@ -35,7 +35,9 @@ fn the_tables_contain_the_measurements_and_the_capacities() {
         "a state: 70 bytes, 100 as Zenoh sends it over TCP, 190 of wire",
         "a state delivered: 40.0 us",
         "flock, 4 vehicles: 10.0 states a second",
-        "mesh, on need, by cells, 900 near by",
+        "By cells, as flown: two teams",
+        "80 [130]     5.6 [9.1]      –  0.003",
+        "mean of the 2 vehicles [most of one]",
     ] {
         assert!(text.contains(part), "{part} is missing in\n{text}");
     }
@@ -50,7 +52,7 @@ fn without_processor_times_the_capacity_in_bytes_is_still_given() {
     let measured = fleet::tests::measured();
     let measured =
         Measured { time: MessageTime { message_us: None, deliveries: 0 }, datagram_us: None, step: None, ..measured };
-    let capacity = Capacity::of(measured);
+    let capacity = Capacity::of(measured, flown::tests::flown());
     assert!(capacity.schemes.iter().all(|fits| fits.one_core.is_none() && fits.port_1_gbit > 0));
     assert!(capacity.to_text().contains('–'));
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
 use skein_common::id::TeamId;
-use skein_common::scenario::{Scenario, TeamInFleet};
+use skein_common::scenario::{RecordRuns, Scenario, TeamInFleet};
 
 use super::flight::{Flight, FlightResult};
 use super::launch::{Site, prepare_site};
@@ -15,10 +15,13 @@ use super::screen::Screen;
 use super::status::{self, FlightStatus};
 use crate::endpoints::EndpointsFile;
 use crate::os::Interrupts;
+use crate::record::{FleetRecorder, told};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::across::{Across, Airborne};
-use skein_lab::metrics::{FleetReport, Report, Run, Wall};
+use skein_lab::metrics::{FleetReport, Report, Run, TRAFFIC_FILE, Wall, traffic_csv};
+use skein_lab::record::FLEET_FILE;
+use skein_lab::recording::NotedKind;
 use skein_lab::study::plan::write;
 
 /// Between two looks at the swarms: the metrics want fifty a second.
@@ -33,6 +36,8 @@ pub struct Flights {
     statuses: Vec<FlightStatus>,
     /// `None` for a swarm that flies alone.
     separations: Option<Separations>,
+    /// `None` for a swarm that flies alone, or if the scenario wants no recording.
+    recorder: Option<FleetRecorder>,
     out: PathBuf,
     screen: Screen,
     interrupts: Interrupts,
@@ -52,10 +57,14 @@ impl Flights {
         let scenarios = || described.all().iter().map(|team| &team.scenario);
         let of_fleet = |team: TeamInFleet| Separations::new(Origin::new(team.origin.geodetic()), scenarios());
         let separations = described.first().scenario.team.map(of_fleet);
+        let is_recorded = scenarios().any(|team| team.team.is_some() && team.record.runs != RecordRuns::None);
+        let recorder = || FleetRecorder::begin(&out.join(FLEET_FILE), &described);
+        let recorder = is_recorded.then(recorder).transpose()?;
         let begin = |plan| Flight::begin(plan, &described, &endpoints, gather_within);
         let running = plans.into_iter().map(begin).collect::<Result<Vec<_>, _>>()?;
         let screen = Screen::open(json);
-        Ok(Self { running, over: Vec::new(), statuses: Vec::new(), separations, out, screen, interrupts, json, file })
+        let (over, statuses) = (Vec::new(), Vec::new());
+        Ok(Self { running, over, statuses, separations, recorder, out, screen, interrupts, json, file })
     }
 
     /// Flies all of them to the end.
@@ -75,6 +84,7 @@ impl Flights {
             if let Some(separations) = &mut self.separations {
                 separations.observe(&self.running, now);
             }
+            self.record(now);
             if over.len() == self.running.len() {
                 break;
             }
@@ -94,7 +104,7 @@ impl Flights {
             clock::sleep(next.saturating_duration_since(clock::now()));
         }
         self.draw(clock::now(), true);
-        let Self { running, mut over, separations, screen, json, file, out, .. } = self;
+        let Self { running, mut over, separations, recorder, screen, json, file, out, .. } = self;
         over.extend(running.into_iter().map(Flight::end));
         over.sort_by_key(|result| result.plan.scenario().team.map(|team| team.id));
         // The terminal is restored before anything is written to it.
@@ -106,12 +116,17 @@ impl Flights {
             let notes = shown(result.plan.scenario(), result.notes.clone());
             notes.iter().for_each(|note| skein_lab::terminal::complain(note));
         }
+        if let Some(note) = recorder.and_then(|recorder| told(recorder.finish())) {
+            skein_lab::terminal::complain(&note);
+        }
         match &separations {
             None => over.iter().for_each(|result| say(result, json)),
             Some(separations) => {
                 let report = report(&over, &separations.across);
                 let json_text = skein_lab::terminal::json(&report);
+                let traffic: Vec<_> = over.iter().flat_map(|result| result.traffic.iter().cloned()).collect();
                 write(&out.join("teams.csv"), &report.teams_csv())?;
+                write(&out.join(TRAFFIC_FILE), &traffic_csv(&traffic))?;
                 write(&out.join("metrics.json"), &json_text)?;
                 skein_lab::terminal::say(&if json { json_text } else { text(&over, &report, &out) });
             }
@@ -119,6 +134,27 @@ impl Flights {
         let failures = over.iter().filter_map(|result| Some((result.plan.scenario(), result.verdict().err()?)));
         let failures: Vec<_> = failures.flat_map(|(scenario, why)| shown(scenario, vec![why])).collect();
         if failures.is_empty() { Ok(()) } else { Err(Error::Failed(failures.join("; "))) }
+    }
+
+    /// Records where the vehicles are, and what has happened, from the moment when all teams are active.
+    fn record(&mut self, now: Instant) {
+        let Some(recorder) = &mut self.recorder else { return };
+        if !recorder.has_begun() && self.running.iter().all(Flight::has_begun) {
+            recorder.window_begins(now);
+        }
+        let is_due = recorder.is_due(now);
+        for flight in &mut self.running {
+            let Some(team) = flight.scenario().team else { continue };
+            for (at, what) in flight.take_noted() {
+                match what {
+                    NotedKind::Event(vehicle, what) => recorder.event(at, team.id, vehicle, what),
+                    NotedKind::Fault(fault) => recorder.fault(at, team.id, fault),
+                }
+            }
+            if is_due {
+                recorder.places(now, flight.scenario(), flight.steps(now));
+            }
+        }
     }
 
     /// Brings the screen up to date; at the `end` with all news.

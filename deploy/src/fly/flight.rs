@@ -15,6 +15,7 @@
 mod events;
 mod figures;
 mod news;
+mod recorded;
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -22,7 +23,7 @@ use std::time::{Duration, Instant};
 use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Trace, Verb};
-use skein_common::scenario::{Described, RecordRuns, Scenario, Target};
+use skein_common::scenario::{Described, Scenario, Target};
 use skein_common::state::{Activity, Membership};
 use skein_common::topic::Branch;
 use skein_core::formation::{self, ring::Ring};
@@ -39,14 +40,14 @@ use crate::landing;
 use crate::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
 use crate::os;
 use crate::reach::Reach;
-use crate::record::Recorder;
+use crate::record::{Recorder, told};
 use events::UnderWay;
 use figures::summary;
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::faults::Schedule;
-use skein_lab::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, Totals};
-use skein_lab::record::{self, RecordingInfo};
+use skein_lab::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, Totals, VehicleTraffic};
+use skein_lab::recording::NotedKind;
 
 /// The last known state of a vehicle silent for this long is out of date.
 const SILENT: Duration = Duration::from_secs(1);
@@ -86,6 +87,8 @@ pub struct Flight {
     /// When the window began, by both clocks.
     zero: Option<Zero>,
     report: Option<Report>,
+    /// What each vehicle of a team had received when the figures ended.
+    traffic: Vec<VehicleTraffic>,
     /// What the scenario has still to do.
     schedule: Schedule<ScriptedAction>,
     /// Vehicles whose agents it has ended.
@@ -95,6 +98,8 @@ pub struct Flight {
     order: Option<UnderWay>,
     journal: Journal,
     lost: Vec<String>,
+    /// What happened to a team and is not in the recording of its fleet yet.
+    noted: Vec<(Instant, NotedKind)>,
     /// What went wrong, though the flight came to its end.
     failure: Option<String>,
     /// Its user has asked twice: everything ends at once.
@@ -107,6 +112,8 @@ pub struct FlightResult {
     pub plan: Plan,
     /// The figures, if the clock of the flight has run.
     pub report: Option<Report>,
+    /// What each vehicle of a team received.
+    pub traffic: Vec<VehicleTraffic>,
     /// What its operator is to know: lost vehicles, a recording that is not complete.
     pub notes: Vec<String>,
     /// Whether agents of vehicles in the air were left to land by themselves.
@@ -158,7 +165,7 @@ impl Flight {
         let children = launch(&plan, described, endpoints)?;
         let branch = Branch::of(scenario.team.map(|team| team.id));
         let observer = Observer::open(&Reach::here(endpoints, branch), TraceSubscription::On);
-        let recorder = recorder(&plan)?;
+        let recorder = recorded::recorder(&plan)?;
         let now = clock::now();
         let mut flight = Self {
             gather_within,
@@ -175,12 +182,14 @@ impl Flight {
             asked_before: 0,
             zero: None,
             report: None,
+            traffic: Vec::new(),
             schedule: script::schedule(scenario),
             killed: VehicleSet::default(),
             ended: Totals::default(),
             order: None,
             journal: Journal::default(),
             lost: Vec::new(),
+            noted: Vec::new(),
             failure: None,
             is_broken_off: false,
             plan,
@@ -204,12 +213,12 @@ impl Flight {
         let left = if self.is_broken_off { VehicleSet::default() } else { self.in_the_air() };
         self.children.leave(left);
         self.children.kill();
-        let Self { report, mut lost, failure, plan, recorder, .. } = self;
+        let Self { report, traffic, mut lost, failure, plan, recorder, .. } = self;
         if !left.is_empty() {
             lost.push(left_in_the_air(left, plan.scenario()));
         }
-        let notes = recorder.and_then(end_recording).into_iter().chain(lost).collect();
-        FlightResult { plan, report, notes, leaves: !left.is_empty(), all_are_lost, failure }
+        let notes = recorder.and_then(|recorder| told(recorder.finish())).into_iter().chain(lost).collect();
+        FlightResult { plan, report, traffic, notes, leaves: !left.is_empty(), all_are_lost, failure }
     }
 
     /// Takes in what has happened since the last time.
@@ -225,6 +234,7 @@ impl Flight {
                         self.metrics.observe_event(self.flown_s(now), event.header.sender, &event.what);
                     }
                     self.record(|recorder| recorder.happened(at, &event));
+                    self.note(at, NotedKind::Event(event.header.sender, event.what));
                     self.show_event(now, &event);
                 }
                 _ => {}
@@ -379,12 +389,6 @@ impl Flight {
         landing::limit(heights_m.fold(0.0, f64::max))
     }
 
-    fn record(&mut self, record: impl FnOnce(&mut Recorder)) {
-        if let Some(recorder) = &mut self.recorder {
-            record(recorder);
-        }
-    }
-
     /// Vehicles whose agents run, with what is known of them.
     fn live(&self) -> impl Iterator<Item = (VehicleId, Option<&VehicleView>)> {
         let running =
@@ -432,8 +436,7 @@ impl Flight {
     /// The vehicles in the air while the clock of the flight runs, as far as is known, with their newest positions.
     pub fn airborne(&self, now: Instant) -> impl Iterator<Item = (VehicleId, PositionNed)> {
         let flies = self.stage == Stage::Flying;
-        let steps = self.observer.vehicles().values().filter_map(move |seen| fresh(seen, now).filter(|_| flies));
-        let up = steps.filter(|step| step.height_m > AIRBORNE_ABOVE_M && self.ground.lives(step));
+        let up = self.steps(now).filter(move |step| flies && step.height_m > AIRBORNE_ABOVE_M);
         up.map(|step| (step.header.sender, step.position))
     }
 
@@ -459,27 +462,6 @@ impl Flight {
             team: scenario.team.map(|team| team.id),
             events: self.journal.newest(MAX_EVENTS),
         }
-    }
-}
-
-/// The recorder of a flight, if the scenario wants a recording.
-fn recorder(plan: &Plan) -> Result<Option<Recorder>, Error> {
-    let scenario = plan.scenario();
-    if scenario.record.runs == RecordRuns::None {
-        return Ok(None);
-    }
-    let (run, path) = (Run::new(scenario, "fly"), plan.out.join(record::FILE));
-    let about = RecordingInfo { scenario, scenario_toml: &plan.loaded.to_toml(), run: &run, clock: "" };
-    let recorder = Recorder::begin(&path, &about, scenario.record.hz.live_hz());
-    recorder.map(Some).map_err(|error| Error::Failed(format!("no recording: {error}")))
-}
-
-/// Closes the recording. A flight is not to blame for what became of it, but its user is to know.
-fn end_recording(recorder: Recorder) -> Option<String> {
-    match recorder.finish() {
-        Ok(0) => None,
-        Ok(dropped) => Some(format!("recording: {dropped} steps or events came faster than they could be written")),
-        Err(error) => Some(format!("the recording is not complete: {error}")),
     }
 }
 

@@ -3,22 +3,25 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::endpoints;
 use crate::keys::Role;
 use skein_common::id::TeamId;
-use skein_common::scenario::{Source, load};
+use skein_common::scenario::{Loaded, Scenario, Source, load, load_any};
 use skein_common::state::Membership;
 
-use super::Recorder;
+use super::{FleetRecorder, Recorder};
 use crate::observe::{Observer, SwarmMessage, TraceSubscription};
 use crate::os::Interrupts;
 use crate::reach::{Reach, SwarmArgs};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::Run;
-use skein_lab::record::{RecordError, RecordingInfo, merge, repair};
+use skein_lab::record::{self, RecordError, RecordingInfo, merge, repair};
 
 /// Interval at which received messages are read.
 const TICK: Duration = Duration::from_millis(20);
+/// A vehicle whose newest step is older than this is at an unknown place.
+const NEW: Duration = Duration::from_secs(1);
 /// How long to wait for the first message of the swarm.
 const LISTEN: Duration = Duration::from_secs(5);
 
@@ -31,7 +34,8 @@ pub struct RecordArgs {
     /// The swarm to record.
     #[command(flatten)]
     pub swarm: SwarmArgs,
-    /// The team of a fleet to record
+    /// The team of a fleet to record in full; without it the whole fleet is recorded as by a study: places at
+    /// fleet.record_hz and events of all, and in full the teams with recorded = true, in the folder teams beside FILE
     #[arg(long, value_name = "N", conflicts_with_all = ["repair", "merge"])]
     pub team: Option<TeamId>,
     /// The file to be written; there must be none of that name
@@ -94,9 +98,9 @@ fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
 /// Records a live swarm until Ctrl-C, or until the file cannot be written. Recording does not affect the flight.
 fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<(), Error> {
     refuse_existing(out)?;
-    let reach = match team {
-        Some(team) => swarm.reach_teams(Role::Observer, &[team])?.remove(0),
-        None => swarm.reach(Role::Observer)?,
+    let reach = match swarm.reach_teams(Role::Observer, team.as_slice())? {
+        teams if teams.len() > 1 => return record_fleet(swarm, &teams, out),
+        mut one => one.remove(0),
     };
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
     let mut observer = Observer::open(&reach, TraceSubscription::On)?;
@@ -120,6 +124,93 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<(), Err
         out.display()
     ));
     Ok(())
+}
+
+/// A team of a live fleet that is recorded.
+struct RecordedTeam<'a> {
+    scenario: &'a Scenario,
+    reach: &'a Reach,
+    observer: Observer,
+    /// The full recording of a chosen team.
+    full: Option<Recorder>,
+    window: Window,
+}
+
+/// Records a live fleet until Ctrl-C, or until the file cannot be written.
+fn record_fleet(swarm: &SwarmArgs, teams: &[Reach], out: &Path) -> Result<(), Error> {
+    if swarm.file.is_some() {
+        return Err(Error::Refused("choose one team of the cluster with --team N".to_owned()));
+    }
+    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    let there = endpoints::find(&endpoints::folder(), swarm.swarm.as_ref())?;
+    let path = there.out.join("scenario.toml");
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(&path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
+    let described = load_any(&Source { name: &name, text: &text }, &[])
+        .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
+    let team = |(reach, loaded)| RecordedTeam::begin(reach, loaded, out);
+    let mut teams = teams.iter().zip(described.all()).map(team).collect::<Result<Vec<_>, _>>()?;
+    let mut recorder = FleetRecorder::begin(out, &described)?;
+    eprintln!("recording fleet {} into {}; Ctrl-C ends the recording", there.swarm, out.display());
+    while interrupts.count() == 0 && !recorder.has_failed() {
+        let now = clock::now();
+        if !recorder.has_begun() && teams.iter().all(|team| team.window.has_begun) {
+            recorder.window_begins(now);
+        }
+        let is_due = recorder.is_due(now);
+        teams.iter_mut().for_each(|team| team.record(&mut recorder, now, is_due));
+        clock::sleep(TICK);
+    }
+    let samples = recorder.samples();
+    let vehicles: usize = teams.iter().map(|team| team.observer.vehicles().len()).sum();
+    let mut dropped = recorder.finish().map_err(|error| about_file(out, &[], error))?;
+    for full in teams.into_iter().filter_map(|team| team.full) {
+        dropped += full.finish().map_err(|error| about_file(out, &[], error))?;
+    }
+    skein_lab::terminal::say(&format!(
+        "{}: {vehicles} vehicles at {samples} times; dropped: {dropped}\n",
+        out.display()
+    ));
+    Ok(())
+}
+
+impl<'a> RecordedTeam<'a> {
+    /// Connects to a team, and begins its full recording beside `out` if the fleet's scenario chooses it.
+    fn begin(reach: &'a Reach, loaded: &'a Loaded, out: &Path) -> Result<Self, Error> {
+        let mut observer = Observer::open(reach, TraceSubscription::On)?;
+        let received = first_messages(&mut observer, reach)?;
+        let chosen = loaded.scenario.team.filter(|team| team.is_recorded);
+        let full = chosen.map(|team| {
+            let folder = out.with_file_name("teams").join(team.id.to_string());
+            let failed = |error: std::io::Error| Error::Failed(format!("{}: {error}", folder.display()));
+            std::fs::create_dir_all(&folder).map_err(failed)?;
+            begin(reach, &folder.join(record::FILE))
+        });
+        let mut full = full.transpose()?;
+        if let Some(full) = &mut full {
+            received.iter().for_each(|(received, at)| put(full, received, *at));
+        }
+        Ok(Self { scenario: &loaded.scenario, reach, observer, full, window: Window::default() })
+    }
+
+    /// Records what has been received, and the places of the vehicles if they are due.
+    fn record(&mut self, recorder: &mut FleetRecorder, now: Instant, is_due: bool) {
+        for (received, at) in self.observer.poll_timed() {
+            if let (SwarmMessage::Event(event), Some(team)) = (&received, self.reach.branch.team()) {
+                recorder.event(at, team, event.header.sender, event.what);
+            }
+            self.full.iter_mut().for_each(|full| put(full, &received, at));
+        }
+        if self.window.begins(&self.observer) {
+            self.full.iter_mut().for_each(|full| full.window_begins(now));
+        }
+        if is_due {
+            let is_new = |at: Instant| now.saturating_duration_since(at) < NEW;
+            let views =
+                self.observer.vehicles().values().filter(|view| view.alive && view.trace_at.is_some_and(is_new));
+            recorder.places(now, self.scenario, views.filter_map(|view| view.trace.as_ref()));
+        }
+    }
 }
 
 /// Waits for the first messages of the swarm.

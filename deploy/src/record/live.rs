@@ -134,6 +134,16 @@ impl Recorder {
     }
 }
 
+/// What the operator of a flight is to know of its recording, which was closed with this result. A flight is not to blame for
+/// it.
+pub fn told(closed: Result<u64, RecordError>) -> Option<String> {
+    match closed {
+        Ok(0) => None,
+        Ok(dropped) => Some(format!("recording: {dropped} entries came faster than they could be written")),
+        Err(error) => Some(format!("the recording is not complete: {error}")),
+    }
+}
+
 /// Runs in the thread: writes entries until the queue closes or writing fails.
 fn write(
     mut writer: Writer<BufWriter<File>>,

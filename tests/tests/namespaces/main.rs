@@ -8,7 +8,9 @@
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 mod network;
+mod sites;
 mod swarm;
+mod two_sites;
 
 use skein_common::math;
 use std::io::{Write, stdout};
@@ -211,4 +213,18 @@ fn under_a_quorum_only_the_larger_partition_of_a_cut_swarm_continues() {
 #[ignore = "the observer's process of the other tests, in its own namespace"]
 fn watcher() {
     swarm::watch();
+}
+
+#[test]
+#[ignore = "takes two minutes; `.ci/long` runs it"]
+fn two_sites_joined_by_routers() {
+    if can_run() {
+        two_sites::fly();
+    }
+}
+
+#[test]
+#[ignore = "the processes of the two sites, each in its own namespace"]
+fn site_process() {
+    sites::process();
 }

@@ -44,7 +44,7 @@ fn the_worst_and_the_median_seed_are_recorded_and_nothing_else_changes() {
     let recorded = study(&at("default"), &[]);
     let runs: Vec<_> = (3..8)
         .map(|seed| fs::read_to_string(folder(&at("default"), seed).join("metrics.json")).unwrap())
-        .map(|text| skein_lab::study::Measured::read(&text).unwrap())
+        .map(|text| skein_lab::metrics::Measured::read(&text).unwrap())
         .collect();
     let (worst, median) = worst_and_median(&runs).unwrap();
     assert!(recorded.len() == 2 && recorded.contains(&worst) && recorded.contains(&median), "{recorded:?}");

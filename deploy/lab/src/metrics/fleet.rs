@@ -6,6 +6,7 @@ use skein_common::id::TeamId;
 
 use super::across::Across;
 use super::figures::{FIGURES, FLEET_FIGURES};
+use super::traffic::VehicleTraffic;
 use super::{Direction, Measured, Report, Run, Wall};
 
 /// How the figures of teams become one figure of the fleet.
@@ -70,6 +71,8 @@ pub struct FleetReport {
     nearest: Option<String>,
     /// The figures of each team.
     pub teams: Vec<(TeamId, Measured)>,
+    /// What each vehicle received, as far as it was counted.
+    pub traffic: Vec<VehicleTraffic>,
 }
 
 /// What the vehicles of a fleet have received.
@@ -120,7 +123,7 @@ impl FleetReport {
         never.sort();
         never.dedup();
         let nearest = least.map(|(_, (one, other, at_s))| format!("{one} and {other} at {at_s:.2} s"));
-        Self { run, figures, never, nearest, teams: measured }
+        Self { run, figures, never, nearest, teams: measured, traffic: Vec::new() }
     }
 
     /// The figures of the whole fleet.

@@ -1,4 +1,5 @@
-//! The recording of a fleet: where every vehicle was, about once a second, with the events and faults of all teams.
+//! The recording of a fleet: where every vehicle was, about once a second, with the events and faults of all teams. A study
+//! and a live recording write the same.
 //!
 //! A step of a vehicle with all that its agent knows takes kilobytes; ten thousand vehicles at 10 Hz would fill a disk. So a
 //! fleet's recording has only places, on one channel, and the teams that the scenario chooses have a full recording each.
@@ -10,12 +11,13 @@
 
 use std::fs::{self, File};
 use std::io::BufWriter;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mcap::Attachment;
 use mcap::records::MessageHeader;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use skein_common::frame::PositionNed;
 use skein_common::id::{TeamId, VehicleId};
 use skein_common::message::EventKind;
 
@@ -57,6 +59,15 @@ pub struct VehiclePlace {
     pub altitude_m: f64,
 }
 
+impl VehiclePlace {
+    /// The vehicle at this mission step and place in the fleet's frame, so high above its team's origin.
+    pub fn new(id: VehicleId, step: u32, in_fleet: PositionNed, altitude_m: f64) -> Self {
+        let decimetre = |metres: f64| (metres * 10.0).round() / 10.0;
+        let (north_m, east_m) = (decimetre(in_fleet.north_m()), decimetre(in_fleet.east_m()));
+        Self { id, step, north_m, east_m, altitude_m: decimetre(altitude_m) }
+    }
+}
+
 /// An event or a fault of a team.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 struct TeamLine {
@@ -68,10 +79,15 @@ struct TeamLine {
     text: String,
 }
 
-/// Writes a fleet's recording; the file appears when it is complete.
-pub(crate) struct FleetWriter {
+/// Writes a fleet's recording. That of a study appears when it is complete; a live one grows, and what was flushed can be
+/// read and repaired if the program is killed.
+pub struct FleetWriter {
     mcap: mcap::Writer<BufWriter<File>>,
-    draft: Draft,
+    path: PathBuf,
+    /// `None` of a live recording.
+    draft: Option<Draft>,
+    /// Log time of the beginning of the window, ns.
+    zero_ns: u64,
     places: u16,
     events: u16,
     faults: u16,
@@ -79,7 +95,8 @@ pub(crate) struct FleetWriter {
 }
 
 impl FleetWriter {
-    /// Begins the recording of this run at `path`; `scenario_toml` is the complete file.
+    /// Begins the recording of this run in virtual time at `path`; `scenario_toml` is the complete file. Log time 0 is the
+    /// beginning of the window.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -88,7 +105,29 @@ impl FleetWriter {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(|error| draft.error(error))?;
         }
-        let mut mcap = options().create(BufWriter::new(draft.create()?))?;
+        let file = draft.create()?;
+        Self::begin(file, path, Some(draft), run, scenario_toml)
+    }
+
+    /// Begins the recording of a live flight at `path`, where no file may be. Its window begins with
+    /// [`Self::window_begins`].
+    ///
+    /// # Errors
+    /// If the file exists already or cannot be written.
+    pub fn live(path: &Path, run: &Run, scenario_toml: &str) -> Result<Self, RecordError> {
+        let file = File::options().write(true).create_new(true).open(path);
+        let file = file.map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
+        Self::begin(file, path, None, run, scenario_toml)
+    }
+
+    fn begin(
+        file: File,
+        path: &Path,
+        draft: Option<Draft>,
+        run: &Run,
+        scenario_toml: &str,
+    ) -> Result<Self, RecordError> {
+        let mut mcap = options().create(BufWriter::new(file))?;
         let entries = [
             ("format", format::FORMAT.to_owned()),
             ("scenario", run.scenario.clone()),
@@ -113,14 +152,28 @@ impl FleetWriter {
         let places = channel("skein.TeamPlaces", TEAMS, schema::of::<TeamPlaces>("skein.TeamPlaces"))?;
         let events = channel("skein.TeamEvent", format::EVENTS, schema::of::<TeamLine>("skein.TeamEvent"))?;
         let faults = channel("skein.TeamFault", format::FAULTS, schema::of::<TeamLine>("skein.TeamFault"))?;
-        Ok(Self { mcap, draft, places, events, faults, sequence: 0 })
+        let path = path.to_owned();
+        Ok(Self { mcap, path, draft, zero_ns: 0, places, events, faults, sequence: 0 })
+    }
+
+    /// The window of a live recording begins at this log time, ns.
+    pub fn window_begins(&mut self, log_time_ns: u64) {
+        self.zero_ns = log_time_ns;
+    }
+
+    /// Writes everything recorded so far into the file.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn flush(&mut self) -> Result<(), RecordError> {
+        Ok(self.mcap.flush()?)
     }
 
     /// Records the places of a team's vehicles.
     ///
     /// # Errors
     /// If they cannot be written.
-    pub(crate) fn places(&mut self, places: &TeamPlaces) -> Result<(), RecordError> {
+    pub fn places(&mut self, places: &TeamPlaces) -> Result<(), RecordError> {
         self.put(self.places, places.t_s, places)
     }
 
@@ -128,13 +181,7 @@ impl FleetWriter {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn event(
-        &mut self,
-        t_s: f64,
-        team: TeamId,
-        vehicle: VehicleId,
-        what: &EventKind,
-    ) -> Result<(), RecordError> {
+    pub fn event(&mut self, t_s: f64, team: TeamId, vehicle: VehicleId, what: &EventKind) -> Result<(), RecordError> {
         self.put(self.events, t_s, &TeamLine { team, vehicle: Some(vehicle), text: what.to_string() })
     }
 
@@ -142,7 +189,7 @@ impl FleetWriter {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn fault(&mut self, t_s: f64, team: TeamId, fault: &InjectedFault) -> Result<(), RecordError> {
+    pub fn fault(&mut self, t_s: f64, team: TeamId, fault: &InjectedFault) -> Result<(), RecordError> {
         let line = TeamLine { team, vehicle: format::vehicle_of(fault), text: fault.to_string() };
         self.put(self.faults, t_s, &line)
     }
@@ -151,17 +198,21 @@ impl FleetWriter {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn finish(self) -> Result<(), RecordError> {
-        let Self { mut mcap, draft, .. } = self;
+    pub fn finish(self) -> Result<(), RecordError> {
+        let Self { mut mcap, path, draft, .. } = self;
+        let failed = |error: std::io::Error| RecordError::Io { path: path.clone(), error };
         mcap.finish()?;
-        let file = mcap.into_inner().into_inner().map_err(|error| draft.error(error.into_error()))?;
-        draft.finish(&file)
+        let file = mcap.into_inner().into_inner().map_err(|error| failed(error.into_error()))?;
+        match draft {
+            Some(draft) => draft.finish(&file),
+            None => file.sync_all().map_err(failed),
+        }
     }
 
     fn put(&mut self, channel_id: u16, t_s: f64, message: &impl Serialize) -> Result<(), RecordError> {
         // Structs of finite numbers and texts always have a JSON form.
         let Ok(bytes) = serde_json::to_vec(message) else { return Ok(()) };
-        let log_time = log_time_ns(0, t_s);
+        let log_time = log_time_ns(self.zero_ns, t_s);
         let header = MessageHeader { channel_id, sequence: self.sequence, log_time, publish_time: log_time };
         self.sequence = self.sequence.wrapping_add(1);
         Ok(self.mcap.write_to_known_channel(&header, &bytes)?)

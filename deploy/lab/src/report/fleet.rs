@@ -48,6 +48,16 @@ pub(super) fn section(folder: &Path, title: String, name: String, subject: &str)
     Ok(Some(Section { title, name, parts }))
 }
 
+/// The section about the recording of a fleet in this file; `None` if it is not one.
+///
+/// # Errors
+/// If the file cannot be read.
+pub(super) fn of_file(path: &Path, name: String) -> Result<Option<Section>, Error> {
+    let places = record::read_fleet(path).map_err(|error| Error::Refused(error.to_string()))?;
+    let drawing = drawing(&places, &path.display().to_string());
+    Ok(drawing.map(|drawing| Section { title: "The flight".to_owned(), name, parts: vec![Part::Drawing(drawing)] }))
+}
+
 /// The places of each vehicle, east and north, m, in the order of time.
 type Trails = BTreeMap<(TeamId, VehicleId), Vec<[f64; 2]>>;
 

@@ -123,7 +123,9 @@ impl FleetFlight {
         self.recorder.map_or(Ok(()), FleetWriter::finish)?;
         let teams = self.teams.into_iter().map(|team| team.report(wall)).collect::<Result<Vec<_>, _>>()?;
         let reports: Vec<_> = teams.iter().map(|team| (team.id, &team.report)).collect();
-        Ok(FleetReport::new(self.run, &reports, &self.across, Some(traffic(&teams)), wall))
+        let mut report = FleetReport::new(self.run, &reports, &self.across, Some(traffic(&teams)), wall);
+        report.traffic = teams.iter().flat_map(TeamReport::traffic).collect();
+        Ok(report)
     }
 
     /// Whether no round follows.

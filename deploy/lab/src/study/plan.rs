@@ -34,7 +34,7 @@ use super::sweep::{self, Point, Sweep};
 use super::{FleetRecording, FleetStudy, Study, StudyArgs, StudyError};
 use crate::error::Error;
 use crate::external::{self, LawPool, Trial};
-use crate::metrics::{Measured, Report};
+use crate::metrics::{Measured, Report, TRAFFIC_FILE, traffic_csv};
 use crate::out;
 use crate::prepare::prepare;
 use crate::scenario::{Ready, ScenarioArgs};
@@ -317,6 +317,7 @@ impl PlannedRun<'_> {
         let report = report.map_err(|error| Error::Failed(format!("{self}: {error}")))?;
         drop(study);
         write(&folder.join("teams.csv"), &report.teams_csv())?;
+        write(&folder.join(TRAFFIC_FILE), &traffic_csv(&report.traffic))?;
         self.write(&files.run, &report)?;
         Ok(report.measured())
     }

@@ -56,7 +56,7 @@ impl Flight {
             }
             ScriptedAction::Restart(id) => self.restart(now, *id).err(),
             ScriptedAction::Freeze(id) => {
-                self.record(|recorder| recorder.fault(now, &InjectedFault::Failed(*id, FROZEN)));
+                self.record_fault(now, &InjectedFault::Failed(*id, FROZEN));
                 self.children.freeze(ProcessRole::Standin, *id, true).err()
             }
             ScriptedAction::Thaw(id) => self.children.freeze(ProcessRole::Standin, *id, false).err(),
@@ -65,8 +65,7 @@ impl Flight {
                 None
             }
             ScriptedAction::Report(_, failed) => {
-                let failed = failed.iter();
-                failed.for_each(|failed| self.record(|recorder| recorder.fault(now, failed)));
+                failed.iter().for_each(|failed| self.record_fault(now, failed));
                 None
             }
         };

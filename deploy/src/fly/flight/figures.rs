@@ -3,7 +3,7 @@
 use std::fs;
 use std::time::Instant;
 
-use skein_common::id::VehicleId;
+use skein_common::id::{FleetVehicle, VehicleId};
 use skein_common::message::Trace;
 use skein_common::state::{Membership, PeerStatus};
 use skein_core::peers::FRESH_S;
@@ -12,8 +12,9 @@ use skein_core::plant::{Controls, GroundTruth};
 use super::{Flight, fresh};
 use crate::fly::plan::Plan;
 use crate::fly::status::Stage;
+use crate::observe::VehicleView;
 use skein_lab::faults::InjectedFault;
-use skein_lab::metrics::{Report, Totals, VehicleNow, Wall};
+use skein_lab::metrics::{Report, Totals, VehicleNow, VehicleTraffic, Wall};
 use skein_lab::scenario::quoted;
 use skein_lab::terminal::what_next;
 
@@ -34,8 +35,7 @@ impl Flight {
     pub(super) fn measure(&mut self, now: Instant) {
         let t_s = self.flown_s(now);
         self.ground.due(now).iter().for_each(|fault| self.fault(now, fault));
-        let steps = self.observer.vehicles().values().filter_map(|seen| fresh(seen, now));
-        let vehicles: Vec<VehicleNow> = steps.filter(|step| self.ground.lives(step)).map(vehicle_now).collect();
+        let vehicles: Vec<VehicleNow> = self.steps(now).map(vehicle_now).collect();
         self.metrics.observe(t_s, &vehicles);
         let steps = self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
         let living = steps.filter(|step| self.ground.lives(step));
@@ -45,7 +45,7 @@ impl Flight {
     /// Something was done to the swarm.
     fn fault(&mut self, now: Instant, fault: &InjectedFault) {
         self.metrics.fault(self.flown_s(now), fault);
-        self.record(|recorder| recorder.fault(now, fault));
+        self.record_fault(now, fault);
     }
 
     /// The agent of this vehicle has ended.
@@ -77,6 +77,26 @@ impl Flight {
             self.fail(format!("{}: {error}", path.display()));
         }
         self.report = Some(report);
+        self.traffic = self.received_per_vehicle();
+    }
+
+    /// What each vehicle of a team has received so far, as far as its agent has reported.
+    fn received_per_vehicle(&self) -> Vec<VehicleTraffic> {
+        let Some(team) = self.plan.scenario().team else { return Vec::new() };
+        let row = |(vehicle, seen): (&VehicleId, &VehicleView)| {
+            let health = seen.health.as_ref()?;
+            let per_s = |count: u64| count as f64 / health.uptime_s.max(1e-9);
+            Some(VehicleTraffic {
+                vehicle: FleetVehicle { team: team.id, vehicle: *vehicle }.to_string(),
+                counted_s: health.uptime_s,
+                links: Some(health.links),
+                messages_per_s: per_s(health.received.messages),
+                bytes_per_s: per_s(health.received.bytes),
+                others_messages_per_s: None,
+                others_bytes_per_s: None,
+            })
+        };
+        self.observer.vehicles().iter().filter_map(row).collect()
     }
 
     /// Time on the clocks of live vehicles' simulators, s.

@@ -68,7 +68,9 @@ pub(super) struct FromOthers {
     pub(super) group_of: Vec<usize>,
     /// Size of the messages of each group, bytes.
     pub(super) bytes: Vec<u64>,
-    /// The intents that the vehicles of each group receive; a vehicle that waits for no area needs none.
+    /// Number of intents that the vehicles of each group receive, and their size, bytes.
+    pub(super) intents_sent: Vec<(u64, u64)>,
+    /// The intents that the vehicles of each group need; a vehicle that waits for no area needs none.
     pub(super) intents: Vec<Vec<ReceivedIntent>>,
     /// Whether a vehicle is in each of the nine cells around each group.
     pub(super) is_surrounded: Vec<bool>,
@@ -121,6 +123,15 @@ impl Sky {
                 }
             }
         }
+        from_others.intents_sent = cells
+            .iter()
+            .map(|cells| {
+                let sent = cells.iter().flat_map(|cell| self.intents.get(cell).into_iter().flatten());
+                let others = sent.filter(|(team, ..)| *team != own);
+                let size = |intent: &Intent| skein_common::message::encoded_len(intent) as u64;
+                others.fold((0, 0), |(count, bytes), (_, intent, _)| (count + 1, bytes + size(intent)))
+            })
+            .collect();
         from_others.intents = distinct
             .iter()
             .zip(&cells)

@@ -20,7 +20,7 @@ use super::super::recorded::{CLOCK, RecordRunError};
 use super::super::{Study, StudyError, measure};
 use super::sky::{Sent, Sky};
 use crate::metrics::across::Airborne;
-use crate::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, VehicleNow, Wall};
+use crate::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, VehicleNow, VehicleTraffic, Wall};
 use crate::record::{
     self, Draft, FleetWriter, RecordError, RecordingInfo, TeamPlaces, VehiclePlace, Writer, log_time_ns,
 };
@@ -46,6 +46,8 @@ pub(super) struct Team {
     homes: Vec<Homes>,
     airborne: Airborne,
     received: Received,
+    /// Number of messages of other teams that each vehicle received, and their size, bytes.
+    from_others: Vec<(u64, u64)>,
     /// Beginning of the window; `None` before it, s.
     zero_s: Option<f64>,
     /// Whether the team's mission has ended, and its figures with it.
@@ -105,6 +107,28 @@ pub(super) struct TeamReport {
     pub(super) received: Received,
     /// Number of messages and bytes that a vehicle received from its own team in a second.
     pub(super) own_per_s: (f64, f64),
+    /// Number of messages of other teams that each vehicle received, and their size, bytes.
+    from_others: Vec<(u64, u64)>,
+    /// Time from the first to the last frame, s.
+    t_s: f64,
+}
+
+impl TeamReport {
+    /// What each vehicle received.
+    pub(super) fn traffic(&self) -> impl Iterator<Item = VehicleTraffic> {
+        self.from_others.iter().zip(VehicleId::first(self.from_others.len())).map(|(&(messages, bytes), vehicle)| {
+            let per_s = |count: u64| count as f64 / self.t_s.max(1e-9);
+            VehicleTraffic {
+                vehicle: FleetVehicle { team: self.id, vehicle }.to_string(),
+                counted_s: self.t_s,
+                links: None,
+                messages_per_s: self.own_per_s.0 + per_s(messages),
+                bytes_per_s: self.own_per_s.1 + per_s(bytes),
+                others_messages_per_s: Some(per_s(messages)),
+                others_bytes_per_s: Some(per_s(bytes)),
+            }
+        })
+    }
 }
 
 impl Team {
@@ -136,6 +160,7 @@ impl Team {
             homes: Vec::new(),
             airborne: Airborne::new(id, origin),
             received: Received::default(),
+            from_others: vec![(0, 0); scenario.swarm.vehicles],
             zero_s: None,
             is_over: false,
             noted: recording.map(|_| Vec::new()),
@@ -153,6 +178,10 @@ impl Team {
         for (nth, &group) in from_others.group_of.iter().enumerate() {
             let (states, bytes) = (from_others.groups[group].len() as u64, from_others.bytes[group]);
             self.received.states += states;
+            if let Some((all, all_bytes)) = self.from_others.get_mut(nth) {
+                let (intents, intents_bytes) = from_others.intents_sent[group];
+                (*all, *all_bytes) = (*all + states + intents, *all_bytes + bytes + intents_bytes);
+            }
             if from_others.is_surrounded[group] {
                 let (rounds, all, all_bytes) = &mut self.received.surrounded;
                 (*rounds, *all, *all_bytes) = (*rounds + 1, *all + states, *all_bytes + bytes);
@@ -235,16 +264,9 @@ impl Team {
         if !with_places {
             return Ok(());
         }
-        let decimetre = |metres: f64| (metres * 10.0).round() / 10.0;
         let place = |(id, agent, truth, _): (VehicleId, &Agent, &GroundTruth, _)| {
             let in_fleet = fleet.ned_from_geodetic(&self.origin.geodetic_from_ned(truth.position));
-            VehiclePlace {
-                id,
-                step: agent.at_step(),
-                north_m: decimetre(in_fleet.north_m()),
-                east_m: decimetre(in_fleet.east_m()),
-                altitude_m: decimetre(truth.position.altitude_m()),
-            }
+            VehiclePlace::new(id, agent.at_step(), in_fleet, truth.position.altitude_m())
         };
         let vehicles = self.world.vehicles().filter(|(_, _, truth, _)| truth.position.is_finite()).map(place).collect();
         writer.places(&TeamPlaces { team: self.id, t_s: self.world.t_s() - zero_s, vehicles })
@@ -293,7 +315,8 @@ impl Team {
             count as f64 * (vehicles - 1.0) / vehicles / self.world.t_s().max(1e-9)
         };
         let own_per_s = (per_s(totals.state_messages + heartbeats), per_s(totals.state_bytes + heartbeat_bytes));
-        Ok(TeamReport { id: self.id, report, received: self.received, own_per_s })
+        let (received, from_others, t_s) = (self.received, self.from_others, self.world.t_s());
+        Ok(TeamReport { id: self.id, report, received, own_per_s, from_others, t_s })
     }
 
     /// Whether an event isolates the team now; with `both_ways` only an event that withholds its states from the others.

@@ -1,0 +1,185 @@
+//! The mesh by cells as a fleet flew it: what each vehicle received of its own team, and of other teams by cells.
+
+use std::num::NonZeroUsize;
+use std::path::Path;
+
+use serde::Serialize;
+use skein_common::scenario::{Source, load_any};
+use skein_lab::error::Error;
+use skein_lab::external::LawPool;
+use skein_lab::metrics::{TRAFFIC_FILE, VehicleTraffic, read_traffic};
+use skein_lab::scenario::ScenarioArgs;
+use skein_lab::study::{FleetStudy, Study};
+
+/// A fleet in which the nine cells of most vehicles are occupied: 16 vehicles on each square kilometre.
+const FLEET: Source<'_> = Source {
+    name: "the fleet of the capacity",
+    text: "name = \"fleet\"\nfleet = { teams = 36, spacing_m = 707 }\nswarm.vehicles = 8\n",
+};
+
+/// A figure of all vehicles.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct OverVehicles {
+    /// The mean.
+    pub mean: f64,
+    /// The largest.
+    pub most: f64,
+}
+
+impl OverVehicles {
+    /// The figure of these values; `None` if a vehicle has no value, or there is no vehicle.
+    fn of(values: impl Iterator<Item = Option<f64>>) -> Option<Self> {
+        let values: Vec<f64> = values.collect::<Option<_>>()?;
+        let most = values.iter().copied().reduce(f64::max)?;
+        Some(Self { mean: values.iter().sum::<f64>() / values.len() as f64, most })
+    }
+}
+
+/// Messages that a vehicle received.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Received {
+    /// Messages a second.
+    pub messages_per_s: OverVehicles,
+    /// Their payload, bytes a second.
+    pub bytes_per_s: OverVehicles,
+}
+
+impl Received {
+    fn of(messages_per_s: Option<OverVehicles>, bytes_per_s: Option<OverVehicles>) -> Option<Self> {
+        Some(Self { messages_per_s: messages_per_s?, bytes_per_s: bytes_per_s? })
+    }
+}
+
+/// What the vehicles of a fleet received in a flight.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FlownFleet {
+    /// What was flown, and for how long.
+    pub flight: String,
+    /// Number of vehicles.
+    pub vehicles: usize,
+    /// From the own team; `None` if it was not counted apart.
+    pub own_team: Option<Received>,
+    /// From other teams; `None` if it was not counted apart.
+    pub other_teams: Option<Received>,
+    /// From all of them.
+    pub all: Received,
+    /// Links of an agent with other agents and with observers; `None` in virtual time.
+    pub links: Option<OverVehicles>,
+}
+
+impl FlownFleet {
+    /// Flies a fleet in virtual time for so long.
+    ///
+    /// # Errors
+    /// If it cannot be flown.
+    pub fn fly(flight_s: f64) -> Result<Self, Error> {
+        let failed = |why: String| Error::Failed(format!("capacity: {why}"));
+        let sets = [format!("duration_s={flight_s}")];
+        let described = load_any(&FLEET, &sets).map_err(|fault| failed(fault.to_string()))?;
+        let first = &described.first().scenario;
+        // All teams have the same aircraft and rules.
+        let ready = ScenarioArgs::default().ready(first)?;
+        let (seed, vehicles) = (first.seed, first.swarm.vehicles);
+        let origin = first.team.map(|team| team.origin).ok_or_else(|| failed("no fleet".to_owned()))?;
+        let team = |scenario| Study {
+            scenario,
+            aircraft: ready.aircraft.clone(),
+            rules: ready.rules.clone(),
+            laws: LawPool::default(),
+        };
+        let teams: Vec<Study> = described.all().iter().map(|loaded| team(loaded.scenario.clone())).collect();
+        let flight =
+            format!("{} teams of {vehicles} at 16 vehicles per km², {flight_s} s in virtual time", teams.len());
+        let report = FleetStudy { teams, seed, origin }.fly(NonZeroUsize::MIN, None);
+        let report = report.map_err(|error| failed(error.to_string()))?;
+        Self::of(flight, &report.traffic).ok_or_else(|| failed("no vehicle flew".to_owned()))
+    }
+
+    /// Reads what was received in the flight of a fleet that is in this folder.
+    ///
+    /// # Errors
+    /// If the folder has no flight of a fleet.
+    pub fn read(folder: &Path) -> Result<Self, Error> {
+        let path = folder.join(TRAFFIC_FILE);
+        let rows = read_traffic(&path).map_err(|error| {
+            let why = "the folder of a run of a fleet is needed, which `skein study` or `skein fly` has written";
+            Error::Refused(format!("{}: {error}; {why}", path.display()))
+        })?;
+        let refused = || Error::Refused(format!("{}: no vehicles in it", path.display()));
+        Self::of(folder.display().to_string(), &rows).ok_or_else(refused)
+    }
+
+    fn of(flight: String, rows: &[VehicleTraffic]) -> Option<Self> {
+        let over = |value: fn(&VehicleTraffic) -> Option<f64>| OverVehicles::of(rows.iter().map(value));
+        Some(Self {
+            flight,
+            vehicles: rows.len(),
+            own_team: Received::of(
+                over(|row| row.others_messages_per_s.map(|others| row.messages_per_s - others)),
+                over(|row| row.others_bytes_per_s.map(|others| row.bytes_per_s - others)),
+            ),
+            other_teams: Received::of(over(|row| row.others_messages_per_s), over(|row| row.others_bytes_per_s)),
+            all: Received::of(over(|row| Some(row.messages_per_s)), over(|row| Some(row.bytes_per_s)))?,
+            links: over(|row| row.links.map(f64::from)),
+        })
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use skein_lab::metrics::traffic_csv;
+
+    use super::*;
+
+    fn row(vehicle: &str, messages: f64, others: Option<f64>, links: Option<u32>) -> VehicleTraffic {
+        VehicleTraffic {
+            vehicle: vehicle.to_owned(),
+            counted_s: 60.0,
+            links,
+            messages_per_s: messages,
+            bytes_per_s: 60.0 * messages,
+            others_messages_per_s: others,
+            others_bytes_per_s: others.map(|others| 70.0 * others),
+        }
+    }
+
+    /// Two vehicles of a fleet in virtual time.
+    pub(in super::super) fn flown() -> FlownFleet {
+        let rows = [row("1/1", 100.0, Some(30.0), None), row("2/1", 200.0, Some(130.0), None)];
+        FlownFleet::of("two teams".to_owned(), &rows).unwrap()
+    }
+
+    #[test]
+    fn what_was_received_is_the_mean_and_the_most_of_the_vehicles() {
+        let flown = flown();
+        let figure = |mean: f64, most: f64| OverVehicles { mean, most };
+        assert_eq!(flown.own_team.unwrap().messages_per_s, figure(70.0, 70.0));
+        assert_eq!(flown.other_teams.unwrap().messages_per_s, figure(80.0, 130.0));
+        assert_eq!((flown.all.bytes_per_s, flown.links), (figure(9000.0, 12_000.0), None));
+    }
+
+    #[test]
+    fn a_live_fleet_has_links_and_no_parts_and_a_folder_without_a_fleet_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = FlownFleet::read(folder.path()).unwrap_err();
+        assert!(
+            refused.exit_code() == 2 && refused.to_string().contains("the folder of a run of a fleet"),
+            "{refused}"
+        );
+        let rows = [row("1/1", 100.0, None, Some(7)), row("2/1", 200.0, None, Some(9))];
+        std::fs::write(folder.path().join(TRAFFIC_FILE), traffic_csv(&rows)).unwrap();
+        let flown = FlownFleet::read(folder.path()).unwrap();
+        assert_eq!((flown.own_team, flown.other_teams, flown.vehicles), (None, None, 2));
+        assert_eq!(flown.links, Some(OverVehicles { mean: 8.0, most: 9.0 }));
+    }
+
+    #[test]
+    fn a_flown_fleet_receives_its_own_team_and_the_teams_near_by() {
+        let flown = FlownFleet::fly(3.0).unwrap();
+        let (own, others) = (flown.own_team.unwrap(), flown.other_teams.unwrap());
+        // Seven others with about five heartbeats and five states a second each; a state is sent more often at the take-off.
+        assert!((50.0..200.0).contains(&own.messages_per_s.mean), "{own:?}");
+        assert!(others.messages_per_s.most > own.messages_per_s.most, "{others:?}");
+        assert!(flown.all.messages_per_s.most < 287.0 * 10.0 && flown.links.is_none(), "{flown:?}");
+    }
+}
