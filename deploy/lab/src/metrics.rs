@@ -80,7 +80,7 @@ use membership::Membership;
 use mission::Steps;
 pub use report::{Report, Run, VehicleReport, Wall};
 use separation::Separations;
-use series::{AgeHistogram, AgeSampling, FormationSeries, InFormation, Settling};
+use series::{AgeHistogram, AgeSampling, Column, Settling, SwarmSeries, VehicleSeries};
 pub(crate) use shape::Shape;
 use transient::Transients;
 use vehicle::Standing;
@@ -116,12 +116,8 @@ pub struct Metrics {
     in_band: Settling,
     even_10deg: Settling,
     even_5deg: Settling,
-    radial: FormationSeries,
-    /// Number of observations between two samples of the series, and those since the last sample.
-    sample_every: u32,
-    since_sample: u32,
-    spacing: series::Window,
-    centroid: series::Window,
+    series: SwarmSeries,
+    vehicle_series: VehicleSeries,
     following: Following,
     alignment: Alignment,
     graph: Graph,
@@ -189,12 +185,9 @@ impl Metrics {
             in_band: Settling::default(),
             even_10deg: Settling::default(),
             even_5deg: Settling::default(),
-            radial: FormationSeries::new(vehicles),
-            // Samples at 50 Hz are most of a vehicle's memory; for a fleet 10 Hz are enough.
-            sample_every: if scenario.team.is_some() { 5 } else { 1 },
-            since_sample: 0,
-            spacing: series::Window::default(),
-            centroid: series::Window::default(),
+            // The series of a fleet's many teams are not small; 10 Hz are enough for it.
+            series: SwarmSeries::new(if scenario.team.is_some() { 5 } else { 1 }),
+            vehicle_series: VehicleSeries::new(vehicles, steps.first().map_or(0.0, |step| step.formation.radius_m)),
             following: Following::default(),
             alignment: Alignment::default(),
             graph: Graph::default(),
@@ -231,10 +224,14 @@ impl Metrics {
         if is_change {
             self.steps.observe(t_s, vehicles);
         }
-        self.alignment.observe(t_s, vehicles, &self.members);
+        let is_kept = self.series.begin(t_s);
+        if is_kept {
+            self.vehicle_series.begin(t_s);
+        }
+        self.alignment.observe(&mut self.series, vehicles, &self.members);
         self.graph.observe(t_s, vehicles, &self.members, self.alignment.directions());
         self.crashes.observe(vehicles);
-        self.observe_members(t_s, vehicles);
+        self.observe_members(t_s, vehicles, is_kept);
         self.observe_pairs(vehicles);
         self.observe_effort(dt_s, vehicles);
     }
@@ -298,17 +295,15 @@ impl Metrics {
     }
 
     /// Updates the figures that depend on the members' positions.
-    fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+    fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow], is_kept: bool) {
         let members = || self.members.iter().map(|&nth| &vehicles[nth]);
         let count = self.members.len();
         let middle_rank = (count as f64 - 1.0) / 2.0;
         let (mut high, mut inside, mut sum_ne_m) = (true, true, Vector2::zeros());
+        let (mut levels, mut squares, mut shares) =
+            (series::Mean::default(), series::Mean::default(), series::Mean::default());
+        let (mut altitude_squares, mut extremes_m) = (series::Mean::default(), (f64::INFINITY, f64::NEG_INFINITY));
         self.bearings.clear();
-        self.since_sample = if self.since_sample == 0 { self.sample_every } else { self.since_sample } - 1;
-        let is_sampled = self.since_sample == self.sample_every - 1;
-        if is_sampled {
-            self.radial.begin(t_s);
-        }
         for (rank, member) in members().enumerate() {
             let Some(shape) = self.shapes.get(member.step as usize) else { continue };
             let centre = PositionNed::new(member.centre_ne_m.x, member.centre_ne_m.y, -shape.altitude_m);
@@ -327,17 +322,33 @@ impl Metrics {
             if shape.is_moving(member.centre_ne_m) {
                 self.following.follow(from_centre_ne_m.norm(), is_inside);
             }
-            let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
-            let step = member.step as u16;
-            let sample = InFormation { rho_m, altitude_error_m, step, inside: is_inside };
-            if is_sampled {
-                self.radial.add(index(member.id), sample);
+            if let Some(target_altitude_m) = target_altitude_m {
+                altitude_squares.add(math::square(altitude_m - target_altitude_m));
+            }
+            levels.add(rho_m);
+            squares.add(math::square(rho_m - shape.ring.radius_m));
+            shares.add(if is_inside { 1.0 } else { 0.0 });
+            extremes_m = (extremes_m.0.min(rho_m), extremes_m.1.max(rho_m));
+            if is_kept {
+                self.vehicle_series.add(index(member.id), rho_m, shape.ring.radius_m);
             }
         }
         if count > 0 {
             let lag_m = sum_ne_m.norm() / count as f64;
-            self.centroid.add(t_s, lag_m);
+            self.series.set(Column::CentroidLag, lag_m);
             self.following.trail(lag_m);
+        }
+        if let (Some(rho_m), Some(square), Some(share)) = (levels.mean(), squares.mean(), shares.mean()) {
+            let altitude_square = altitude_squares.mean().unwrap_or(f64::NAN);
+            let (least_m, largest_m) = extremes_m;
+            let (of_members, members) = (&mut self.series, levels.count() as f64);
+            of_members.set(Column::Members, members);
+            of_members.set(Column::Rho, rho_m);
+            of_members.set(Column::LeastRho, least_m);
+            of_members.set(Column::LargestRho, largest_m);
+            of_members.set(Column::SquareError, square);
+            of_members.set(Column::SquareAltitudeError, altitude_square);
+            of_members.set(Column::Inside, share);
         }
         self.settle(t_s, count > 0 && high, count > 0 && inside, members().map(|member| member.step).max());
     }
@@ -350,7 +361,7 @@ impl Metrics {
         self.even_10deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 10.0));
         self.even_5deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 5.0));
         if let Some(deviation_deg) = deviation_deg {
-            self.spacing.add(t_s, deviation_deg);
+            self.series.set(Column::Spacing, deviation_deg);
         }
         // A single vehicle has no gaps.
         let is_even = deviation_deg.is_none_or(|deviation_deg| deviation_deg < 10.0);
