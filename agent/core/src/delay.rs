@@ -22,6 +22,8 @@
 //! they are; the ages of other vehicles' messages are not affected.
 
 use alloc::collections::VecDeque;
+use alloc::vec::Vec;
+use core::ops::Range;
 
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Echo;
@@ -163,6 +165,53 @@ impl RoundTrips {
         let Some((tightest, shortest)) = chosen else { return (DelayBase::UNKNOWN, LocalTime::MAX) };
         let base = DelayBase { most_s: tightest.base_s(), likely_s: shortest.base_s() - shortest.s / 2.0 };
         (base, tightest.at.min(shortest.at).plus_seconds(Deadline::RoundTripOld.after_s()))
+    }
+}
+
+/// The last round trips to all peers, in the memory that those need which are known and not too old: in a large swarm a
+/// peer's turn comes about once a minute.
+#[derive(Clone, Debug, Default)]
+pub struct RoundTripTable {
+    /// For each round trip its peer and its place among those to this peer, in ascending order.
+    keys: Vec<(VehicleId, u8)>,
+    trips: Vec<RoundTrip>,
+}
+
+impl RoundTripTable {
+    /// The last round trips to a peer.
+    pub fn to(&self, peer: VehicleId) -> RoundTrips {
+        let mut trips = RoundTrips::default();
+        for nth in self.range(peer) {
+            trips.0[usize::from(self.keys[nth].1)] = self.trips[nth];
+        }
+        trips
+    }
+
+    /// Replaces the round trips to a peer. Those that are too old by now are left out.
+    pub fn set(&mut self, peer: VehicleId, trips: &RoundTrips, now: LocalTime) {
+        let range = self.range(peer);
+        let kept = || (0..).zip(&trips.0).filter(|(_, trip)| trip.is_valid(now));
+        if self.keys.len() + ROUND_TRIPS_KEPT > self.keys.capacity() {
+            // A little more than what is needed, and not twice as much.
+            let more = ROUND_TRIPS_KEPT + self.keys.len() / 8;
+            self.keys.reserve_exact(more);
+            self.trips.reserve_exact(more);
+        }
+        self.keys.splice(range.clone(), kept().map(|(place, _)| (peer, place)));
+        self.trips.splice(range, kept().map(|(_, trip)| *trip));
+    }
+
+    /// Forgets the round trips to a peer.
+    pub fn forget(&mut self, peer: VehicleId) {
+        let range = self.range(peer);
+        self.keys.drain(range.clone());
+        self.trips.drain(range);
+    }
+
+    fn range(&self, peer: VehicleId) -> Range<usize> {
+        let begin = self.keys.partition_point(|(of, _)| *of < peer);
+        let count = self.keys[begin..].iter().take_while(|(of, _)| *of == peer).count();
+        begin..begin + count
     }
 }
 

@@ -49,7 +49,7 @@ use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
-use crate::delay::{DelayBase, Exchange, MessageDelay, RoundTrips};
+use crate::delay::{DelayBase, Exchange, MessageDelay, RoundTripTable};
 pub use message::{PeerMessage, Received, ReceivedState};
 use near::NearList;
 use peer::{Agreed, KeptHeartbeat, Status, standing};
@@ -170,7 +170,7 @@ pub struct Peers {
     /// What was received of all vehicles. Records that other agents share contain the own messages too.
     records: Arc<Records>,
     /// The round trips to each peer, and the delays that they give.
-    trips: Vec<RoundTrips>,
+    trips: RoundTripTable,
     delays: Vec<DelayBase>,
     /// A time before which no round trip becomes too old.
     trips_valid_until: LocalTime,
@@ -191,7 +191,7 @@ impl Peers {
         Self {
             own,
             records: Arc::new(Records::new(roster, plan, network)),
-            trips: vec![RoundTrips::default(); roster.into()],
+            trips: RoundTripTable::default(),
             delays: vec![DelayBase::UNKNOWN; roster.into()],
             trips_valid_until: LocalTime::MAX,
             near: NearList::default(),
@@ -411,13 +411,14 @@ impl Peers {
         for change in self.records.trip_changes(self.own) {
             match *change {
                 TripChange::Restarted(id) => {
-                    self.trips[index(id)] = RoundTrips::default();
+                    self.trips.forget(id);
                     self.delays[index(id)] = DelayBase::UNKNOWN;
                 }
                 TripChange::Echoed { sender, at, transit_s, echo } if echo.of == self.own => {
                     let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo) else { continue };
-                    let trips = &mut self.trips[index(sender)];
+                    let mut trips = self.trips.to(sender);
                     trips.take(at, transit_s, round_trip_s);
+                    self.trips.set(sender, &trips, at);
                     let (base, until) = trips.choose(at);
                     self.delays[index(sender)] = base;
                     self.trips_valid_until = self.trips_valid_until.min(until);
@@ -428,8 +429,8 @@ impl Peers {
         }
         if now >= self.trips_valid_until {
             self.trips_valid_until = LocalTime::MAX;
-            for (trips, delay) in self.trips.iter_mut().zip(&mut self.delays) {
-                let (base, until) = trips.choose(now);
+            for (peer, delay) in VehicleId::first(self.delays.len()).zip(&mut self.delays) {
+                let (base, until) = self.trips.to(peer).choose(now);
                 *delay = base;
                 self.trips_valid_until = self.trips_valid_until.min(until);
             }
