@@ -21,8 +21,8 @@ use skein_common::time::{LocalTime, Now, PlantTime};
 use crate::agent::{Agent, Inputs, Outputs};
 use crate::aircraft::Aircraft;
 use crate::control::Rules;
-use crate::formation::UnsupportedScenario;
 use crate::formation::external::LawReply;
+use crate::formation::{UnsupportedScenario, Workspace};
 use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition, StrangerImpairments};
 use crate::intent::ReceivedIntent;
 use crate::peers::{Broadcast, Received};
@@ -178,6 +178,7 @@ impl Station {
         leave: bool,
         answer: Option<&LawReply>,
         in_place: InPlace<'_>,
+        workspace: &mut Workspace,
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let measured;
@@ -191,7 +192,7 @@ impl Station {
         let strangers = StrangersReceived { stamped: &self.strangers, now: in_place.strangers };
         let (received, intents, broadcast) = (&*self.received, &*self.intents, in_place.broadcast);
         let inputs = Inputs { measurement, received, broadcast, strangers, intents, leave, answer };
-        let outputs = self.agent.step(now, &inputs);
+        let outputs = self.agent.step(now, &inputs, workspace);
         self.received.clear();
         self.strangers.clear();
         self.intents.clear();

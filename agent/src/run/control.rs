@@ -17,6 +17,7 @@ use super::timing::{Summary, Timing};
 use crate::external::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::Outputs;
+use skein_core::formation::Workspace;
 use skein_core::intent::ReceivedIntent;
 use skein_core::neighbourhood::Neighbourhood;
 use skein_core::outbox::Outbox;
@@ -65,6 +66,7 @@ struct LoopState {
     arrived: Vec<Received>,
     strangers: Vec<StrangerState>,
     intents: Vec<ReceivedIntent>,
+    workspace: Workspace,
     events: u64,
     healths: u64,
 }
@@ -81,6 +83,7 @@ impl Control {
             arrived: Vec::new(),
             strangers: Vec::new(),
             intents: Vec::new(),
+            workspace: Workspace::default(),
             events: 0,
             healths: 0,
         };
@@ -116,8 +119,9 @@ impl Control {
         self.receive(true_time, kept);
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
+        let (leave, in_place) = (self.stop.is_requested(), InPlace::default());
         let Outputs { command, outbox, ask } =
-            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), InPlace::default());
+            self.station.step(true_time, plant, leave, answer.as_ref(), in_place, &mut kept.workspace);
         if let Some(command) = command {
             self.plant.command(command);
         }

@@ -107,7 +107,7 @@ impl World {
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
         formation::check(scenario)?;
         let driver: Box<dyn Driver> = match scenario.control.mode {
-            ControlMode::Each => Box::new(Decentralised),
+            ControlMode::Each => Box::new(Decentralised::default()),
             ControlMode::Central => Box::new(Central::new(scenario)),
         };
         let scenario = &driver.scenario_of_agents(scenario);
