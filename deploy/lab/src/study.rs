@@ -109,7 +109,7 @@ fn longest_s(scenario: &Scenario) -> f64 {
 pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec<VehicleNow>) {
     let t_s = world.t_s() - zero_s;
     world.faults().iter().for_each(|fault| metrics.fault(t_s, fault));
-    world.events().iter().for_each(|(sender, what)| metrics.observe_event(t_s, *sender, what));
+    world.events().for_each(|(sender, what)| metrics.observe_event(t_s, sender, &what));
     vehicles.clear();
     for (id, agent, truth, controls) in world.all_vehicles() {
         let Some(agent) = agent else {

@@ -12,6 +12,7 @@
 
 mod central;
 mod driver;
+mod events;
 mod plants;
 mod script;
 mod vehicle;
@@ -43,6 +44,7 @@ use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
 use central::Central;
 use driver::{Decentralised, Driver};
+use events::Events;
 pub use plants::Blocks;
 use script::{Operator, ScriptedAction};
 use vehicle::{Arriving, Vehicle};
@@ -89,7 +91,7 @@ pub struct World {
     to_one: Vec<(VehicleId, PeerMessage)>,
     /// Queries to external laws since the last call of [`Self::take_asks`].
     asks: Vec<LawQuery>,
-    events: Vec<(VehicleId, EventKind)>,
+    events: Events,
     faults: Vec<InjectedFault>,
     /// Faults that were injected since the last tick.
     pending_faults: Vec<InjectedFault>,
@@ -133,7 +135,7 @@ impl World {
             scenario: scenario.clone(),
             rules: rules.clone(),
             asks: Vec::new(),
-            events: Vec::new(),
+            events: Events::default(),
             faults: Vec::new(),
             pending_faults: Vec::new(),
             ended_totals: Totals::default(),
@@ -196,7 +198,7 @@ impl World {
                 in_flight.extend(vehicle.heartbeat.map(PeerMessage::Mission));
             }
             intents.extend(outbox.intent.map(|intent| through_wire(&intent)));
-            events.extend(outbox.happened.into_iter().map(|what| (id, what)));
+            events.add(id, outbox.happened);
         });
         self.arriving.clear();
         self.strangers.clear();
@@ -303,8 +305,8 @@ impl World {
     }
 
     /// The events that agents reported in the last tick.
-    pub fn events(&self) -> &[(VehicleId, EventKind)] {
-        &self.events
+    pub fn events(&self) -> impl Iterator<Item = (VehicleId, EventKind)> {
+        self.events.iter()
     }
 
     /// The faults that were injected in the last tick.
