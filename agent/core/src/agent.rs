@@ -66,7 +66,7 @@ pub struct Outputs {
     /// The messages to send.
     pub outbox: Outbox,
     /// The query to an external law; its reply belongs to a later step.
-    pub ask: Option<LawQuery>,
+    pub ask: Option<Box<LawQuery>>,
 }
 
 /// The core of one vehicle, without a clock, input, output or randomness other than its seed's. The same inputs give
@@ -476,7 +476,8 @@ impl Agent {
         let flies = self.mission.membership() != Membership::Left;
         let intent = self.intents.as_mut().filter(|_| flies).and_then(due);
         let header = intent.map(|_| self.schedule.header_of_intent(own.now.local));
-        let intent = header.zip(intent).map(|(header, intent)| intent.message(header, self.estimator.origin()));
+        let intent =
+            header.zip(intent).map(|(header, intent)| Box::new(intent.message(header, self.estimator.origin())));
         Outbox { intent, ..outbox }
     }
 

@@ -110,6 +110,17 @@ impl DelayAtArrival {
     }
 }
 
+/// By how much the delay of a message exceeds that of one with no transit that arrives at the zero of the own clock, s.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Excess(f64);
+
+impl Excess {
+    /// The excess of a message that arrived at `at` with this transit, s.
+    pub fn new(at: LocalTime, transit_s: f64) -> Self {
+        Self(transit_s + DRIFT * at.seconds())
+    }
+}
+
 /// The delay of a message with no transit that arrives at the zero of the own clock: all other delays follow from it.
 #[derive(Clone, Copy, Debug)]
 pub struct DelayBase {
@@ -121,11 +132,10 @@ impl DelayBase {
     /// Without a round trip no delay is known.
     pub const UNKNOWN: Self = Self { most_s: f64::NAN, likely_s: f64::NAN };
 
-    /// The delay of a message that arrived at `at` with this transit, s.
+    /// The delay of a message by its excess at its arrival.
     #[inline]
-    pub fn at_arrival(&self, at: LocalTime, transit_s: f64) -> DelayAtArrival {
-        let more_s = transit_s + DRIFT * at.seconds();
-        DelayAtArrival { most_s: self.most_s + more_s, likely_s: self.likely_s + more_s }
+    pub fn at_arrival(&self, excess: Excess) -> DelayAtArrival {
+        DelayAtArrival { most_s: self.most_s + excess.0, likely_s: self.likely_s + excess.0 }
     }
 }
 

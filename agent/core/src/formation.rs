@@ -227,8 +227,8 @@ impl Formation {
     }
 
     /// Takes the query to an external law after a step, and adds the stage's events to `happened`.
-    pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<LawQuery> {
-        self.external.as_mut().and_then(|external| external.take_query(happened))
+    pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<Box<LawQuery>> {
+        self.external.as_mut().and_then(|external| external.take_query(happened)).map(Box::new)
     }
 
     /// Number of queries without a reply from an external law; `None` without such a law.

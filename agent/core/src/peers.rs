@@ -243,9 +243,9 @@ impl Peers {
         let now = self.records.now();
         let received = of.both(self.all(Status::SEEN)).both(self.in_contact());
         received.iter().filter_map(move |id| {
-            let Motion { at, transit_s, .. } = *self.records.motion(id)?;
+            let Motion { at, excess, .. } = *self.records.motion(id)?;
             let silent_s = now.seconds_since(at).max(0.0);
-            let delay_s = self.delays.get(index(id))?.at_arrival(at, transit_s).most_s(silent_s);
+            let delay_s = self.delays.get(index(id))?.at_arrival(excess).most_s(silent_s);
             Some(PeerStateAge { id, age_s: silent_s + delay_s.unwrap_or_default(), delay_s })
         })
     }
@@ -388,7 +388,7 @@ impl Peers {
     fn silent_s_and_delay(&self, id: VehicleId, motion: &Motion) -> (f64, Option<MessageDelay>) {
         let silent_s = self.records.now().seconds_since(motion.at).max(0.0);
         let base = self.delays.get(index(id));
-        (silent_s, base.and_then(|base| base.at_arrival(motion.at, motion.transit_s).after(silent_s)))
+        (silent_s, base.and_then(|base| base.at_arrival(motion.excess).after(silent_s)))
     }
 
     /// The lowest id of an active member in contact, this vehicle included.

@@ -128,7 +128,7 @@ impl Control {
         let done = now();
 
         if let Some((law, ask)) = self.law.as_ref().zip(ask) {
-            law.ask(ask);
+            law.ask(*ask);
         }
 
         let trace = frame.and_then(|frame| self.trace(true_time, frame, kept));
@@ -162,18 +162,19 @@ impl Control {
 
     /// Hands the messages of this step to the publisher's thread.
     fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, kept: &mut LoopState) {
-        let position = outbox.state.map(|state| self.origin.ned_from_geodetic(&state.state.position));
-        let state = outbox.state.zip(position.map(Cell::of));
-        let intent = outbox.intent.map(|intent| (intent, intent.cells(&self.origin).collect()));
+        let Outbox { state, mission, intent, happened } = outbox;
+        let position = state.as_ref().map(|state| self.origin.ned_from_geodetic(&state.state.position));
+        let state = state.map(|state| *state).zip(position.map(Cell::of));
+        let intent = intent.map(|intent| (*intent, intent.cells(&self.origin).collect()));
         let cells = position.and_then(|position| self.cells_around(position));
         let event = |what| {
             kept.events += 1;
             tracing::info!("vehicle {} {what}", self.own);
             Event { header: self.header(now, kept.events), what }
         };
-        let events: Vec<Event> = outbox.happened.into_iter().map(event).collect();
-        if state.is_some() || outbox.mission.is_some() || intent.is_some() || !events.is_empty() || trace.is_some() {
-            self.link.send(Messages { state, mission: outbox.mission, events, trace, intent, cells });
+        let events: Vec<Event> = happened.into_iter().map(event).collect();
+        if state.is_some() || mission.is_some() || intent.is_some() || !events.is_empty() || trace.is_some() {
+            self.link.send(Messages { state, mission: mission.map(|mission| *mission), events, trace, intent, cells });
         }
     }
 

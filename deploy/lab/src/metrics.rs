@@ -259,6 +259,11 @@ impl Metrics {
         self.sampling.now()
     }
 
+    /// Whether the observation at this time looks at [`VehicleNow::fresh`].
+    pub fn needs_fresh(&self, t_s: f64) -> bool {
+        self.graph.is_due(t_s)
+    }
+
     /// Observes the age of a peer's newest state at one step, s, by the receiver's clock. Leave out lost peers.
     pub fn observe_age(&mut self, age_s: f64) {
         if !self.is_central {

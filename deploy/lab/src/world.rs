@@ -190,14 +190,14 @@ impl World {
         let arriving = Arriving { broadcast, strangers };
         driver.frame(now, arriving, vehicles, threads, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
-            asks.extend(ask);
-            let state = outbox.state.map(|state| ReceivedState::new(through_wire(&state), origin));
+            asks.extend(ask.map(|ask| *ask));
+            let state = outbox.state.map(|state| ReceivedState::new(through_wire(&*state), origin));
             in_flight.extend(state.map(PeerMessage::State));
             if let Some(mission) = outbox.mission {
-                vehicle.heartbeat = Some(through_wire(&mission));
+                vehicle.heartbeat = Some(through_wire(&*mission));
                 in_flight.extend(vehicle.heartbeat.map(PeerMessage::Mission));
             }
-            intents.extend(outbox.intent.map(|intent| through_wire(&intent)));
+            intents.extend(outbox.intent.map(|intent| through_wire(&*intent)));
             events.add(id, outbox.happened);
         });
         self.arriving.clear();
@@ -341,7 +341,9 @@ impl World {
             let to_all = to_all.iter().filter(|message| message.sender() != Some(id));
             let to_it = to_one.iter().filter(|(receiver, _)| *receiver == id).map(|(_, message)| message);
             vehicle.receive_strangers(now, strangers);
-            vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
+            if !vehicle.takes_broadcast || !to_one.is_empty() {
+                vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
+            }
         }
         to_one.clear();
         if any_takes_broadcast {

@@ -101,8 +101,8 @@ impl Swarm {
             plant = frame.time;
             measurements.push(frame.measurement);
             commands.push(outputs.command);
-            sent.extend(outputs.outbox.state.map(Sent::State));
-            sent.extend(outputs.outbox.mission.map(Sent::Heartbeat));
+            sent.extend(outputs.outbox.state.map(|state| Sent::State(*state)));
+            sent.extend(outputs.outbox.mission.map(|heartbeat| Sent::Heartbeat(*heartbeat)));
         }
         self.in_flight = sent.iter().map(|message| message.through_wire(&self.origin)).collect();
         self.blocks.advance(helicopters(&mut self.plants, &commands));

@@ -14,7 +14,7 @@ use super::message::PeerMessage;
 use super::peer::{Agreed, FRESH_S, Judgement, KeptHeartbeat, Peer, StateArrival, Status};
 use super::{Change, Report, index};
 use crate::deadlines::Deadline;
-use crate::delay::since_stamp_s;
+use crate::delay::{Excess, since_stamp_s};
 
 /// The newest state of a vehicle, in the swarm's frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -24,8 +24,8 @@ pub(super) struct Motion {
     pub(super) heading_rad: f64,
     /// Arrival of the state.
     pub(super) at: LocalTime,
-    /// Arrival by the own clock minus the stamp by the vehicle's, s.
-    pub(super) transit_s: f64,
+    /// What the delay of the state depends on besides the round trips.
+    pub(super) excess: Excess,
 }
 
 /// What a message changes of the round trips between its sender and one receiver.
@@ -323,7 +323,7 @@ impl Records {
                     velocity: message.state.velocity,
                     heading_rad: message.state.heading_rad,
                     at,
-                    transit_s: since_stamp_s(at, message.header.stamp),
+                    excess: Excess::new(at, since_stamp_s(at, message.header.stamp)),
                 };
                 self.moved.insert(id);
                 self.arrived(id, at, !was_young);

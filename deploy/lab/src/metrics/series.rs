@@ -365,8 +365,8 @@ fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -
     }
 }
 
-/// Chooses the peers of which ages are sampled: about four at each step, each of them again after a number of steps that
-/// is a prime. Two states of a vehicle are ten steps apart or another number that the prime does not divide, so that all
+/// Chooses the peers of which ages are sampled: four at most at each step, one in a swarm of more than 28, each of them again
+/// after a number of steps that is a prime. Two states of a vehicle are ten steps apart or another number that the prime does not divide, so that all
 /// ages occur in turn.
 #[derive(Clone, Debug)]
 pub(super) struct AgeSampling {
@@ -374,14 +374,14 @@ pub(super) struct AgeSampling {
     now: usize,
 }
 
-/// Numbers of steps between two samples of one peer's age, all primes.
-const SAMPLING_STEPS: [usize; 6] = [7, 11, 17, 29, 43, 61];
-/// Number of peers that are sampled at one step, unless even the largest number of steps makes it more.
-const SAMPLED_PEERS: usize = 4;
+/// Numbers of steps between two samples of one peer's age, all primes: the first for swarms of up to
+/// [`LARGEST_SMALL_SWARM`], the least that is not below the number of vehicles for larger ones.
+const SAMPLING_STEPS: [usize; 8] = [7, 29, 43, 61, 89, 127, 179, 251];
+const LARGEST_SMALL_SWARM: usize = 28;
 
 impl AgeSampling {
     pub(super) fn new(vehicles: usize) -> Self {
-        let is_enough = |steps: &usize| steps * SAMPLED_PEERS >= vehicles;
+        let is_enough = |steps: &usize| *steps >= vehicles || vehicles <= LARGEST_SMALL_SWARM;
         let steps = SAMPLING_STEPS.into_iter().find(is_enough).unwrap_or(SAMPLING_STEPS[SAMPLING_STEPS.len() - 1]);
         let group = |nth| VehicleId::first(vehicles).skip(nth).step_by(steps).collect();
         Self { groups: (0..steps).map(group).collect(), now: 0 }

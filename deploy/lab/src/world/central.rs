@@ -211,7 +211,7 @@ impl Central {
     }
 
     /// Steps one vehicle's agent in the frame that begins now. Returns the messages and the query that the agent sends.
-    fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<LawQuery>)> {
+    fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Box<LawQuery>>)> {
         let rank = usize::from(vehicle.id.get());
         let link = self.links.get_mut(rank - 1)?;
         let newest = link.newest.take();

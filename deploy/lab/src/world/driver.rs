@@ -17,7 +17,7 @@ use super::vehicle::{Arriving, Vehicle};
 use crate::metrics::Totals;
 
 /// Accepts the messages and the query that the agent of a vehicle sends in one step.
-pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<LawQuery>) + 'a;
+pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<Box<LawQuery>>) + 'a;
 
 /// Steps the agents of a world, one frame at a time.
 pub(super) trait Driver: Debug + Send {
