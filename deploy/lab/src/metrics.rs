@@ -45,6 +45,7 @@
 //! * Otherwise `null` means that a figure does not apply to this run.
 
 pub mod across;
+mod ages;
 mod crashes;
 pub mod figures;
 mod fleet;
@@ -57,6 +58,7 @@ mod report;
 mod separation;
 mod series;
 mod shape;
+mod steady;
 mod transient;
 mod vehicle;
 
@@ -70,6 +72,7 @@ use skein_common::message::EventKind;
 use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Target, Vertical};
 
 use crate::faults::InjectedFault;
+use ages::{AgeHistogram, AgeSampling};
 use crashes::Crashes;
 pub use figures::{Direction, WALL_CLOCK_KEYS};
 pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};
@@ -80,8 +83,9 @@ use membership::Membership;
 use mission::Steps;
 pub use report::{Report, Run, VehicleReport, Wall};
 use separation::Separations;
-use series::{AgeHistogram, AgeSampling, Column, Settling, SwarmSeries, VehicleSeries};
+use series::Settling;
 pub(crate) use shape::Shape;
+use steady::{Column, MemberSums, SwarmSeries, VehicleSeries};
 use transient::Transients;
 use vehicle::Standing;
 pub use vehicle::VehicleNow;
@@ -305,9 +309,7 @@ impl Metrics {
         let count = self.members.len();
         let middle_rank = (count as f64 - 1.0) / 2.0;
         let (mut high, mut inside, mut sum_ne_m) = (true, true, Vector2::zeros());
-        let (mut levels, mut squares, mut shares) =
-            (series::Mean::default(), series::Mean::default(), series::Mean::default());
-        let (mut altitude_squares, mut extremes_m) = (series::Mean::default(), (f64::INFINITY, f64::NEG_INFINITY));
+        let mut sums = MemberSums::default();
         self.bearings.clear();
         for (rank, member) in members().enumerate() {
             let Some(shape) = self.shapes.get(member.step as usize) else { continue };
@@ -327,13 +329,8 @@ impl Metrics {
             if shape.is_moving(member.centre_ne_m) {
                 self.following.follow(from_centre_ne_m.norm(), is_inside);
             }
-            if let Some(target_altitude_m) = target_altitude_m {
-                altitude_squares.add(math::square(altitude_m - target_altitude_m));
-            }
-            levels.add(rho_m);
-            squares.add(math::square(rho_m - shape.ring.radius_m));
-            shares.add(if is_inside { 1.0 } else { 0.0 });
-            extremes_m = (extremes_m.0.min(rho_m), extremes_m.1.max(rho_m));
+            let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
+            sums.add(rho_m, shape.ring.radius_m, altitude_error_m, is_inside);
             if is_kept {
                 self.vehicle_series.add(index(member.id), rho_m, shape.ring.radius_m);
             }
@@ -343,18 +340,7 @@ impl Metrics {
             self.series.set(Column::CentroidLag, lag_m);
             self.following.trail(lag_m);
         }
-        if let (Some(rho_m), Some(square), Some(share)) = (levels.mean(), squares.mean(), shares.mean()) {
-            let altitude_square = altitude_squares.mean().unwrap_or(f64::NAN);
-            let (least_m, largest_m) = extremes_m;
-            let (of_members, members) = (&mut self.series, levels.count() as f64);
-            of_members.set(Column::Members, members);
-            of_members.set(Column::Rho, rho_m);
-            of_members.set(Column::LeastRho, least_m);
-            of_members.set(Column::LargestRho, largest_m);
-            of_members.set(Column::SquareError, square);
-            of_members.set(Column::SquareAltitudeError, altitude_square);
-            of_members.set(Column::Inside, share);
-        }
+        self.series.set_members(&sums);
         self.settle(t_s, count > 0 && high, count > 0 && inside, members().map(|member| member.step).max());
     }
 

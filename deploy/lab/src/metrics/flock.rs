@@ -6,7 +6,8 @@ use skein_common::frame::VelocityNed;
 use skein_common::id::VehicleSet;
 
 use super::VehicleNow;
-use super::series::{Column, Mean, SwarmSeries};
+use super::series::Mean;
+use super::steady::{Column, SwarmSeries};
 
 /// Speed below which a vehicle has no direction of flight, m/s.
 const MOVING_M_S: f64 = 0.2;

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use skein_common::scenario::{ModelKind, Scenario};
 
-use super::series::{Column, Worst, extremes};
+use super::series::{Worst, extremes};
+use super::steady::Column;
 use super::{Metrics, STEADY_S};
 use skein_common::statistics::quantile;
 
