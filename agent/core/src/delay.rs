@@ -102,6 +102,12 @@ impl DelayAtArrival {
             .then(|| MessageDelay { most_s: most_s.max(0.0), likely_s: (self.likely_s + grown_s).min(most_s).max(0.0) })
     }
 
+    /// An upper bound of the likely delay until this time after the arrival, s, for bases and excesses up to those of this
+    /// delay; zero without a round trip.
+    pub fn likely_at_most_s(&self, since_s: f64) -> f64 {
+        (self.likely_s + DRIFT * since_s).max(0.0)
+    }
+
     /// The upper bound of the delay, s, as in [`Self::after`].
     #[inline]
     pub fn most_s(&self, since_s: f64) -> Option<f64> {
@@ -119,6 +125,12 @@ impl Excess {
     pub fn new(at: LocalTime, transit_s: f64) -> Self {
         Self(transit_s + DRIFT * at.seconds())
     }
+
+    /// The larger of the two.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self(self.0.max(other.0))
+    }
 }
 
 /// The delay of a message with no transit that arrives at the zero of the own clock: all other delays follow from it.
@@ -131,6 +143,12 @@ pub struct DelayBase {
 impl DelayBase {
     /// Without a round trip no delay is known.
     pub const UNKNOWN: Self = Self { most_s: f64::NAN, likely_s: f64::NAN };
+
+    /// Of each of the two delays the larger one.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self { most_s: self.most_s.max(other.most_s), likely_s: self.likely_s.max(other.likely_s) }
+    }
 
     /// The delay of a message by its excess at its arrival.
     #[inline]

@@ -172,6 +172,8 @@ pub struct Peers {
     /// The round trips to each peer, and the delays that they give.
     trips: RoundTripTable,
     delays: Vec<DelayBase>,
+    /// The largest of all delays so far.
+    largest_delay: DelayBase,
     /// A time before which no round trip becomes too old.
     trips_valid_until: LocalTime,
     near: NearList,
@@ -193,6 +195,7 @@ impl Peers {
             records: Arc::new(Records::new(roster, plan, network)),
             trips: RoundTripTable::default(),
             delays: vec![DelayBase::UNKNOWN; roster.into()],
+            largest_delay: DelayBase::UNKNOWN,
             trips_valid_until: LocalTime::MAX,
             near: NearList::default(),
             relistings: 0,
@@ -223,7 +226,7 @@ impl Peers {
             Arc::make_mut(&mut self.records).update(now, of_others);
         }
         let timed = self.update_trips(now);
-        self.update_near(timed.either(self.records.moved()));
+        self.update_near(timed);
         let alone = !self.all(Status::REMAINS).is_empty() && self.in_contact().is_empty();
         self.alone_since = if alone { self.alone_since.or(Some(now)) } else { None };
     }
@@ -399,8 +402,8 @@ impl Peers {
     /// Makes the list of near peers.
     fn list_near(&mut self, own: PositionNed, reach_m: f64) -> VehicleSet {
         let mut near = core::mem::take(&mut self.near);
-        let estimates = self.estimates().map(|peer| (peer.id, peer.position, peer.velocity));
-        let listed = near.make(own, self.records.now(), reach_m, estimates);
+        let estimates = self.estimates().map(|peer| (peer.id, peer.position, peer.velocity, peer.carried_s));
+        let listed = near.make(own, self.records.now(), reach_m, self.records.travel(self.largest_delay), estimates);
         self.near = near;
         listed
     }
@@ -421,6 +424,7 @@ impl Peers {
                     self.trips.set(sender, &trips, at);
                     let (base, until) = trips.choose(at);
                     self.delays[index(sender)] = base;
+                    self.largest_delay = self.largest_delay.max(base);
                     self.trips_valid_until = self.trips_valid_until.min(until);
                     timed.insert(sender);
                 }
@@ -432,6 +436,7 @@ impl Peers {
             for (peer, delay) in VehicleId::first(self.delays.len()).zip(&mut self.delays) {
                 let (base, until) = self.trips.to(peer).choose(now);
                 *delay = base;
+                self.largest_delay = self.largest_delay.max(base);
                 self.trips_valid_until = self.trips_valid_until.min(until);
             }
             self.near.discard();
@@ -439,12 +444,13 @@ impl Peers {
         timed
     }
 
-    /// Keeps the list of near peers right after an update in which the states or delays of these vehicles have changed.
-    fn update_near(&mut self, changed: VehicleSet) {
+    /// Keeps the list of near peers right after an update in which the delays of these vehicles have changed.
+    fn update_near(&mut self, timed: VehicleSet) {
         if core::mem::replace(&mut self.relistings, self.records.relistings()) != self.relistings {
             self.near.discard();
         }
-        for id in changed.iter().filter(|id| *id != self.own) {
+        let far = self.near.far(self.records.now(), self.records.travel(self.largest_delay));
+        for id in self.records.moved().without(far).either(timed).iter().filter(|id| *id != self.own) {
             let Some(motion) = self.records.motion(id) else { continue };
             let carried_s = || {
                 let (silent_s, delay) = self.silent_s_and_delay(id, motion);
