@@ -119,9 +119,9 @@ impl Control {
         self.receive(true_time, kept);
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
-        let (leave, in_place) = (self.stop.is_requested(), InPlace::default());
+        let (leave, in_place) = (self.stop.is_requested(), InPlace { answer: answer.as_ref(), ..InPlace::default() });
         let Outputs { command, outbox, ask } =
-            self.station.step(true_time, plant, leave, answer.as_ref(), in_place, &mut kept.workspace);
+            self.station.step(true_time, plant, leave, in_place, &mut kept.workspace);
         if let Some(command) = command {
             self.plant.command(command);
         }

@@ -94,8 +94,7 @@ impl Swarm {
                 local,
                 (frame.time, Some(&frame.measurement)),
                 false,
-                None,
-                InPlace { broadcast, strangers: &[] },
+                InPlace { broadcast, ..InPlace::default() },
                 &mut self.workspace,
             );
             plant = frame.time;

@@ -165,7 +165,7 @@ impl Vehicle {
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
         let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());
         let strangers = group.map_or(&[][..], Vec::as_slice);
-        Some(station.step(now, plant, false, answer.as_ref(), InPlace { broadcast, strangers }, workspace))
+        Some(station.step(now, plant, false, InPlace { broadcast, strangers, answer: answer.as_ref() }, workspace))
     }
 
     pub(super) fn trace(&mut self, now: LocalTime) -> Option<Trace> {
