@@ -264,6 +264,13 @@ impl VehicleSet {
         Self(std::array::from_fn(|nth| self.0[nth] | other.0[nth]))
     }
 
+    /// The vehicles that are in this set and not in the other.
+    #[inline]
+    #[must_use]
+    pub fn without(self, other: Self) -> Self {
+        Self(std::array::from_fn(|nth| self.0[nth] & !other.0[nth]))
+    }
+
     /// The vehicle with the lowest id.
     #[inline]
     pub fn first(&self) -> Option<VehicleId> {

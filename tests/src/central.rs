@@ -116,8 +116,8 @@ impl Case {
         while world.t_s() - zero_s < f64::from(DURATION_S) {
             world.tick();
             measure(&world, zero_s, &mut metrics, &mut vehicles);
-            let failed = world.events().iter().filter(|(_, what)| matches!(what, EventKind::Failed(_)));
-            alarms.extend(failed.map(|(id, _)| *id));
+            let failed = world.events().filter(|(_, what)| matches!(what, EventKind::Failed(_)));
+            alarms.extend(failed.map(|(id, _)| id));
             agreed.extend(world.vehicles().map(|(id, agent, ..)| (id, agent.heartbeats_sent())));
         }
         metrics.set_totals(world.totals());

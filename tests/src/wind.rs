@@ -111,7 +111,7 @@ pub fn fly(scenario: Scenario) -> WindFlight {
         let t_s = world.t_s();
         for (id, what) in world.events() {
             if let EventKind::Failed(failure) = what {
-                flight.failures.push((t_s, *id, *failure));
+                flight.failures.push((t_s, id, failure));
             }
         }
         if tick % LOOK_TICKS != 0 {

@@ -49,7 +49,7 @@ fn a_flight_with_all_impairments_is_repeatable_bit_for_bit() {
         one.tick();
         other.tick();
         assert_eq!(bytes(&mut one), bytes(&mut other), "tick {tick}");
-        assert_eq!(one.events(), other.events());
+        assert!(one.events().eq(other.events()));
     }
 }
 
@@ -65,7 +65,7 @@ fn duplicate_messages_change_no_decision() {
         if tick % 10 == 0 {
             assert_eq!(bytes(&mut once), bytes(&mut twice), "tick {tick}");
         }
-        assert_eq!(once.events(), twice.events());
+        assert!(once.events().eq(twice.events()));
     }
     assert!(old(&twice) > old(&once) + 1_000, "{} and {} messages were dropped", old(&once), old(&twice));
 }
@@ -142,7 +142,7 @@ fn a_delay_that_begins_in_flight_is_in_the_ages_from_its_first_message_on() {
         world.tick();
         let t_s = world.t_s() - zero_s;
         faults.extend(world.faults().iter().map(|fault| (t_s, fault.clone())));
-        assert!(!world.events().iter().any(|(_, what)| matches!(what, EventKind::PeerLost(_))), "{t_s} s");
+        assert!(!world.events().any(|(_, what)| matches!(what, EventKind::PeerLost(_))), "{t_s} s");
         for Trace { header, peers, .. } in world.traces() {
             for peer in peers {
                 let PeerAge { id, age_s, delivered_age_s, .. } = peer;
@@ -208,7 +208,8 @@ fn with_few_neighbours_no_peer_is_lost_and_all_agree_on_the_mission() {
         while !world.has_finished() && world.t_s() < 900.0 {
             world.tick();
             let lost = |what: &EventKind| matches!(what, EventKind::PeerLost(_) | EventKind::ForcedAdvance { .. });
-            assert!(!world.events().iter().any(|(_, what)| lost(what)), "{graph:?}: {:?}", world.events());
+            let events: Vec<_> = world.events().collect();
+            assert!(!events.iter().any(|(_, what)| lost(what)), "{graph:?}: {events:?}");
             began |= world.all_active();
             if began {
                 let steps = || world.vehicles().map(|(_, agent, ..)| agent.at_step());

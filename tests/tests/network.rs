@@ -61,7 +61,7 @@ impl Flight {
         self.world.tick();
         let t_s = self.t_s();
         self.faults.extend(self.world.faults().iter().map(|fault| (t_s, fault.clone())));
-        self.happened.extend(self.world.events().iter().map(|(id, what)| (t_s, *id, *what)));
+        self.happened.extend(self.world.events().map(|(id, what)| (t_s, id, what)));
     }
 
     fn agent(&self, number: u8) -> Option<&Agent> {

@@ -30,7 +30,7 @@ use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{Condition, Conditions, Response};
 use crate::formation::external::{LawQuery, LawReply};
-use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario};
+use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario, Workspace};
 use crate::intent::{Intents, ReceivedIntent};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
@@ -66,7 +66,7 @@ pub struct Outputs {
     /// The messages to send.
     pub outbox: Outbox,
     /// The query to an external law; its reply belongs to a later step.
-    pub ask: Option<LawQuery>,
+    pub ask: Option<Box<LawQuery>>,
 }
 
 /// The core of one vehicle, without a clock, input, output or randomness other than its seed's. The same inputs give
@@ -158,12 +158,12 @@ impl Agent {
     }
 
     /// Runs the loop once: every stage, in the order of the diagram.
-    pub fn step(&mut self, now: Now, inputs: &Inputs<'_>) -> Outputs {
+    pub fn step(&mut self, now: Now, inputs: &Inputs<'_>, workspace: &mut Workspace) -> Outputs {
         let own = self.estimate(now, inputs);
         let failure = self.diagnose(&own, inputs);
         let conditions = self.update_peers(&own, inputs);
         let (task, mut events) = self.decide(&own, failure, conditions, inputs);
-        let output = self.compute_formation(&own, task.as_ref(), inputs);
+        let output = self.compute_formation(&own, task.as_ref(), inputs, workspace);
         let command = self.control(&own, conditions, task.as_ref(), output.as_ref(), &mut events);
         let ask = self.formation.take_query(&mut events);
         let outbox = self.send(&own, conditions, events);
@@ -419,6 +419,7 @@ impl Agent {
         own: &OwnEstimate,
         task: Option<&Task>,
         inputs: &Inputs<'_>,
+        workspace: &mut Workspace,
     ) -> Option<FormationOutput> {
         self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
@@ -426,7 +427,7 @@ impl Agent {
         self.formation.set_strangers(self.strangers.near(estimate.position, strangers_reach_m));
         let reach_m = self.formation.reach_m(task, self.peers.members().len() + 1);
         let others = self.peers.near(estimate.position, reach_m);
-        self.last.output = self.formation.step(own.dt_s, estimate, others, task);
+        self.last.output = self.formation.step(own.dt_s, estimate, others, task, workspace);
         self.last.output
     }
 
@@ -475,7 +476,8 @@ impl Agent {
         let flies = self.mission.membership() != Membership::Left;
         let intent = self.intents.as_mut().filter(|_| flies).and_then(due);
         let header = intent.map(|_| self.schedule.header_of_intent(own.now.local));
-        let intent = header.zip(intent).map(|(header, intent)| intent.message(header, self.estimator.origin()));
+        let intent =
+            header.zip(intent).map(|(header, intent)| Box::new(intent.message(header, self.estimator.origin())));
         Outbox { intent, ..outbox }
     }
 

@@ -22,6 +22,8 @@
 //! they are; the ages of other vehicles' messages are not affected.
 
 use alloc::collections::VecDeque;
+use alloc::vec::Vec;
+use core::ops::Range;
 
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Echo;
@@ -100,11 +102,34 @@ impl DelayAtArrival {
             .then(|| MessageDelay { most_s: most_s.max(0.0), likely_s: (self.likely_s + grown_s).min(most_s).max(0.0) })
     }
 
+    /// An upper bound of the likely delay until this time after the arrival, s, for bases and excesses up to those of this
+    /// delay; zero without a round trip.
+    pub fn likely_at_most_s(&self, since_s: f64) -> f64 {
+        (self.likely_s + DRIFT * since_s).max(0.0)
+    }
+
     /// The upper bound of the delay, s, as in [`Self::after`].
     #[inline]
     pub fn most_s(&self, since_s: f64) -> Option<f64> {
         let most_s = self.most_s + DRIFT * since_s;
         (most_s >= -TOLERANCE_S).then(|| most_s.max(0.0))
+    }
+}
+
+/// By how much the delay of a message exceeds that of one with no transit that arrives at the zero of the own clock, s.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Excess(f64);
+
+impl Excess {
+    /// The excess of a message that arrived at `at` with this transit, s.
+    pub fn new(at: LocalTime, transit_s: f64) -> Self {
+        Self(transit_s + DRIFT * at.seconds())
+    }
+
+    /// The larger of the two.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self(self.0.max(other.0))
     }
 }
 
@@ -119,11 +144,16 @@ impl DelayBase {
     /// Without a round trip no delay is known.
     pub const UNKNOWN: Self = Self { most_s: f64::NAN, likely_s: f64::NAN };
 
-    /// The delay of a message that arrived at `at` with this transit, s.
+    /// Of each of the two delays the larger one.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self { most_s: self.most_s.max(other.most_s), likely_s: self.likely_s.max(other.likely_s) }
+    }
+
+    /// The delay of a message by its excess at its arrival.
     #[inline]
-    pub fn at_arrival(&self, at: LocalTime, transit_s: f64) -> DelayAtArrival {
-        let more_s = transit_s + DRIFT * at.seconds();
-        DelayAtArrival { most_s: self.most_s + more_s, likely_s: self.likely_s + more_s }
+    pub fn at_arrival(&self, excess: Excess) -> DelayAtArrival {
+        DelayAtArrival { most_s: self.most_s + excess.0, likely_s: self.likely_s + excess.0 }
     }
 }
 
@@ -163,6 +193,53 @@ impl RoundTrips {
         let Some((tightest, shortest)) = chosen else { return (DelayBase::UNKNOWN, LocalTime::MAX) };
         let base = DelayBase { most_s: tightest.base_s(), likely_s: shortest.base_s() - shortest.s / 2.0 };
         (base, tightest.at.min(shortest.at).plus_seconds(Deadline::RoundTripOld.after_s()))
+    }
+}
+
+/// The last round trips to all peers, in the memory that those need which are known and not too old: in a large swarm a
+/// peer's turn comes about once a minute.
+#[derive(Clone, Debug, Default)]
+pub struct RoundTripTable {
+    /// For each round trip its peer and its place among those to this peer, in ascending order.
+    keys: Vec<(VehicleId, u8)>,
+    trips: Vec<RoundTrip>,
+}
+
+impl RoundTripTable {
+    /// The last round trips to a peer.
+    pub fn to(&self, peer: VehicleId) -> RoundTrips {
+        let mut trips = RoundTrips::default();
+        for nth in self.range(peer) {
+            trips.0[usize::from(self.keys[nth].1)] = self.trips[nth];
+        }
+        trips
+    }
+
+    /// Replaces the round trips to a peer. Those that are too old by now are left out.
+    pub fn set(&mut self, peer: VehicleId, trips: &RoundTrips, now: LocalTime) {
+        let range = self.range(peer);
+        let kept = || (0..).zip(&trips.0).filter(|(_, trip)| trip.is_valid(now));
+        if self.keys.len() + ROUND_TRIPS_KEPT > self.keys.capacity() {
+            // A little more than what is needed, and not twice as much.
+            let more = ROUND_TRIPS_KEPT + self.keys.len() / 8;
+            self.keys.reserve_exact(more);
+            self.trips.reserve_exact(more);
+        }
+        self.keys.splice(range.clone(), kept().map(|(place, _)| (peer, place)));
+        self.trips.splice(range, kept().map(|(_, trip)| *trip));
+    }
+
+    /// Forgets the round trips to a peer.
+    pub fn forget(&mut self, peer: VehicleId) {
+        let range = self.range(peer);
+        self.keys.drain(range.clone());
+        self.trips.drain(range);
+    }
+
+    fn range(&self, peer: VehicleId) -> Range<usize> {
+        let begin = self.keys.partition_point(|(of, _)| *of < peer);
+        let count = self.keys[begin..].iter().take_while(|(of, _)| *of == peer).count();
+        begin..begin + count
     }
 }
 

@@ -106,14 +106,19 @@ pub struct Formation {
     external: Option<External>,
     filter: Option<SafetyFilter>,
     heights: Heights,
-    neighbours: Vec<Neighbour>,
     /// All other live members.
     members: VehicleSet,
-    obstacles: Vec<Obstacle>,
     strangers: Vec<MovingObstacle>,
-    constraints: Vec<Constraint>,
     is_restrained: bool,
     activations: u64,
+}
+
+/// Memory in which a step works and from which the next one takes nothing: agents that step one after the other share it.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    neighbours: Vec<Neighbour>,
+    obstacles: Vec<Obstacle>,
+    constraints: Vec<Constraint>,
 }
 
 /// The formation of one or more steps of the mission.
@@ -197,11 +202,8 @@ impl Formation {
             shapes,
             steps,
             heights: Heights::default(),
-            neighbours: Vec::new(),
             members: VehicleSet::default(),
-            obstacles: Vec::new(),
             strangers: Vec::new(),
-            constraints: Vec::new(),
             is_restrained: false,
             activations: 0,
         })
@@ -225,8 +227,8 @@ impl Formation {
     }
 
     /// Takes the query to an external law after a step, and adds the stage's events to `happened`.
-    pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<LawQuery> {
-        self.external.as_mut().and_then(|external| external.take_query(happened))
+    pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<Box<LawQuery>> {
+        self.external.as_mut().and_then(|external| external.take_query(happened)).map(Box::new)
     }
 
     /// Number of queries without a reply from an external law; `None` without such a law.
@@ -289,8 +291,9 @@ impl Formation {
         estimate: &Estimate,
         others: PeerSummary<impl Iterator<Item = PeerEstimate>>,
         task: &Task,
+        workspace: &mut Workspace,
     ) -> Option<FormationOutput> {
-        self.split_peers(estimate, others.near);
+        workspace.split_peers(estimate, others.near);
         self.members = others.members;
         let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above);
         if let (Some(external), false) = (&mut self.external, matches!(task, Task::Formation(_))) {
@@ -298,11 +301,11 @@ impl Formation {
         }
         match task {
             Task::Wait | Task::Park | Task::Autorotate { .. } => None,
-            Task::Formation(goal) => self.fly(dt_s, estimate, goal, partition_rise_m),
+            Task::Formation(goal) => self.fly(dt_s, estimate, goal, partition_rise_m, workspace),
             Task::Stay { at_ne_m, altitude_m, heading_rad, lands } => {
                 let command_ne_m_s = (at_ne_m - estimate.position.horizontal()) * VELOCITY_PER_ERROR_PER_S;
                 let feedforward_ne_m_s = Vector2::zeros();
-                let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s);
+                let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s, workspace);
                 let risen_m = self.heights.risen_since_stay(partition_rise_m, *lands);
                 let altitude_m = altitude_m + risen_m;
                 let heading_rad = *heading_rad;
@@ -319,6 +322,7 @@ impl Formation {
         estimate: &Estimate,
         goal: &mission::MissionGoal,
         partition_rise_m: f64,
+        workspace: &mut Workspace,
     ) -> Option<FormationOutput> {
         let shape = self.shapes.get_mut(*self.steps.get(goal.step)?)?;
         self.heights.end_stay();
@@ -329,9 +333,9 @@ impl Formation {
             position: estimate.position,
             velocity: estimate.velocity,
             heading_rad: estimate.attitude.heading_rad,
-            neighbours: &self.neighbours,
+            neighbours: &workspace.neighbours,
             members: self.members,
-            obstacles: &self.obstacles,
+            obstacles: &workspace.obstacles,
             goal: Goal {
                 step,
                 centre: PositionNed::new(centre_ne_m.x, centre_ne_m.y, -level_m),
@@ -377,7 +381,7 @@ impl Formation {
             (None, Vertical::Ellipsoid) => self.heights.on_surface(dt_s, level_m, -field.z, estimate),
         };
         self.filter = shape.filter;
-        let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s);
+        let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s, workspace);
         let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
         let output = FormationOutput { field_ne: field.xy(), setpoint, in_place: false };
         Some(FormationOutput {
@@ -393,20 +397,22 @@ impl Formation {
         estimate: &Estimate,
         command_ne_m_s: Vector2<f64>,
         feedforward_ne_m_s: Vector2<f64>,
+        workspace: &mut Workspace,
     ) -> Vector2<f64> {
         let Some(filter) = self.filter else { return command_ne_m_s };
         let beside = |position: PositionNed| (estimate.position - position).z.abs() < filter.distance_m;
-        let members = self.neighbours.iter().filter(|member| beside(member.position));
+        let Workspace { neighbours, obstacles, constraints } = workspace;
+        let members = neighbours.iter().filter(|member| beside(member.position));
         let members = members.map(|member| (member.position, member.velocity.horizontal(), 0.0));
         // An obstacle is assumed to stay, so the vehicle keeps the distance alone.
-        let obstacles = self.obstacles.iter().map(|it| (it.position, Vector2::zeros(), it.radius_m));
-        self.constraints.clear();
+        let obstacles = obstacles.iter().map(|it| (it.position, Vector2::zeros(), it.radius_m));
+        constraints.clear();
         for (position, velocity_ne_m_s, clear_m) in members.chain(obstacles) {
             let from_other_m = estimate.position - position;
             // Two vehicles at the same position are separated by the law.
             if from_other_m.xy().norm_squared() > COINCIDENT_M * COINCIDENT_M {
                 let constraint = filter.constraint(from_other_m, clear_m);
-                self.constraints.push(constraint.relative(feedforward_ne_m_s, velocity_ne_m_s));
+                constraints.push(constraint.relative(feedforward_ne_m_s, velocity_ne_m_s));
             }
         }
         for stranger in &self.strangers {
@@ -415,20 +421,17 @@ impl Formation {
             let is_apart = from_other_m.xy().norm_squared() > COINCIDENT_M * COINCIDENT_M;
             if is_apart && from_other_m.z.abs() < clear_m {
                 let theirs_ne_m_s = stranger.velocity.horizontal();
-                self.constraints.push(filter.constraint_alone(
-                    from_other_m,
-                    clear_m,
-                    theirs_ne_m_s,
-                    feedforward_ne_m_s,
-                ));
+                constraints.push(filter.constraint_alone(from_other_m, clear_m, theirs_ne_m_s, feedforward_ne_m_s));
             }
         }
-        let restrained = filter.restrain(command_ne_m_s.cap_magnitude(FASTEST_M_S), &self.constraints);
+        let restrained = filter.restrain(command_ne_m_s.cap_magnitude(FASTEST_M_S), constraints);
         self.activations += u64::from(restrained.is_some() && !self.is_restrained);
         self.is_restrained = restrained.is_some();
         restrained.unwrap_or(command_ne_m_s)
     }
+}
 
+impl Workspace {
     /// Splits the peers into members and obstacles.
     fn split_peers(&mut self, estimate: &Estimate, peers: impl Iterator<Item = PeerEstimate>) {
         self.neighbours.clear();

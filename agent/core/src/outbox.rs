@@ -6,6 +6,7 @@
 //! the two is sent and the other is due within half a period of the heartbeat, both are sent in the same step: a second
 //! message in the same instant costs the receivers almost nothing, whereas each instant wakes every one of them.
 
+use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use skein_common::frame::{PositionNed, VelocityNed};
@@ -27,14 +28,16 @@ const CHANGE_REPEATS: u32 = 8;
 const SOON_S: f64 = 0.5 * HEARTBEAT_PERIOD_S;
 
 /// The messages that one step sends.
+///
+/// The messages are in boxes because most steps send none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outbox {
     /// The own state, if the peers need a new one.
-    pub state: Option<State>,
+    pub state: Option<Box<State>>,
     /// The heartbeat with the agreement state, if it is due.
-    pub mission: Option<Heartbeat>,
+    pub mission: Option<Box<Heartbeat>>,
     /// What the own team occupies and wants, if it is a team of a fleet and the others need to know.
-    pub intent: Option<Intent>,
+    pub intent: Option<Box<Intent>>,
     /// The events of this step, in the order of the stages that found them.
     pub happened: Vec<EventKind>,
 }
@@ -123,9 +126,9 @@ impl SendSchedule {
     ) -> Outbox {
         let is_heartbeat_due = self.is_heartbeat_due(now, mission);
         let state = estimate.filter(|estimate| self.is_state_due(now, estimate, is_heartbeat_due));
-        let state = state.map(|estimate| self.state(now, estimate));
+        let state = state.map(|estimate| Box::new(self.state(now, estimate)));
         let goes_along = state.is_some() && self.is_heartbeat_due_soon(now);
-        let mission = (is_heartbeat_due || goes_along).then(|| self.mission(now, mission, echo));
+        let mission = (is_heartbeat_due || goes_along).then(|| Box::new(self.mission(now, mission, echo)));
         Outbox { state, mission, intent: None, happened }
     }
 
@@ -318,7 +321,7 @@ mod tests {
                     prop_assert!(errors(known).0 <= state_error_m + frame_m + 1e-4, "before the next message");
                 }
                 let outbox = schedule.outbox(now, Some(&flown), &mission, Vec::new(), |_| None);
-                if let Some(State { state, .. }) = outbox.state {
+                if let Some(State { state, .. }) = outbox.state.as_deref() {
                     known = Some((origin.ned_from_geodetic(&state.position), state.velocity, now));
                 }
                 let (error_m, error_m_s) = errors(known.unwrap());

@@ -49,7 +49,7 @@ use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
-use crate::delay::{DelayBase, Exchange, MessageDelay, RoundTrips};
+use crate::delay::{DelayBase, Exchange, MessageDelay, RoundTripTable};
 pub use message::{PeerMessage, Received, ReceivedState};
 use near::NearList;
 use peer::{Agreed, KeptHeartbeat, Status, standing};
@@ -170,8 +170,10 @@ pub struct Peers {
     /// What was received of all vehicles. Records that other agents share contain the own messages too.
     records: Arc<Records>,
     /// The round trips to each peer, and the delays that they give.
-    trips: Vec<RoundTrips>,
+    trips: RoundTripTable,
     delays: Vec<DelayBase>,
+    /// The largest of all delays so far.
+    largest_delay: DelayBase,
     /// A time before which no round trip becomes too old.
     trips_valid_until: LocalTime,
     near: NearList,
@@ -191,8 +193,9 @@ impl Peers {
         Self {
             own,
             records: Arc::new(Records::new(roster, plan, network)),
-            trips: vec![RoundTrips::default(); roster.into()],
+            trips: RoundTripTable::default(),
             delays: vec![DelayBase::UNKNOWN; roster.into()],
+            largest_delay: DelayBase::UNKNOWN,
             trips_valid_until: LocalTime::MAX,
             near: NearList::default(),
             relistings: 0,
@@ -223,7 +226,7 @@ impl Peers {
             Arc::make_mut(&mut self.records).update(now, of_others);
         }
         let timed = self.update_trips(now);
-        self.update_near(timed.either(self.records.moved()));
+        self.update_near(timed);
         let alone = !self.all(Status::REMAINS).is_empty() && self.in_contact().is_empty();
         self.alone_since = if alone { self.alone_since.or(Some(now)) } else { None };
     }
@@ -243,9 +246,9 @@ impl Peers {
         let now = self.records.now();
         let received = of.both(self.all(Status::SEEN)).both(self.in_contact());
         received.iter().filter_map(move |id| {
-            let Motion { at, transit_s, .. } = *self.records.motion(id)?;
+            let Motion { at, excess, .. } = *self.records.motion(id)?;
             let silent_s = now.seconds_since(at).max(0.0);
-            let delay_s = self.delays.get(index(id))?.at_arrival(at, transit_s).most_s(silent_s);
+            let delay_s = self.delays.get(index(id))?.at_arrival(excess).most_s(silent_s);
             Some(PeerStateAge { id, age_s: silent_s + delay_s.unwrap_or_default(), delay_s })
         })
     }
@@ -388,7 +391,7 @@ impl Peers {
     fn silent_s_and_delay(&self, id: VehicleId, motion: &Motion) -> (f64, Option<MessageDelay>) {
         let silent_s = self.records.now().seconds_since(motion.at).max(0.0);
         let base = self.delays.get(index(id));
-        (silent_s, base.and_then(|base| base.at_arrival(motion.at, motion.transit_s).after(silent_s)))
+        (silent_s, base.and_then(|base| base.at_arrival(motion.excess).after(silent_s)))
     }
 
     /// The lowest id of an active member in contact, this vehicle included.
@@ -399,8 +402,8 @@ impl Peers {
     /// Makes the list of near peers.
     fn list_near(&mut self, own: PositionNed, reach_m: f64) -> VehicleSet {
         let mut near = core::mem::take(&mut self.near);
-        let estimates = self.estimates().map(|peer| (peer.id, peer.position, peer.velocity));
-        let listed = near.make(own, self.records.now(), reach_m, estimates);
+        let estimates = self.estimates().map(|peer| (peer.id, peer.position, peer.velocity, peer.carried_s));
+        let listed = near.make(own, self.records.now(), reach_m, self.records.travel(self.largest_delay), estimates);
         self.near = near;
         listed
     }
@@ -411,15 +414,17 @@ impl Peers {
         for change in self.records.trip_changes(self.own) {
             match *change {
                 TripChange::Restarted(id) => {
-                    self.trips[index(id)] = RoundTrips::default();
+                    self.trips.forget(id);
                     self.delays[index(id)] = DelayBase::UNKNOWN;
                 }
                 TripChange::Echoed { sender, at, transit_s, echo } if echo.of == self.own => {
                     let Some(round_trip_s) = self.exchange.round_trip_s(at, &echo) else { continue };
-                    let trips = &mut self.trips[index(sender)];
+                    let mut trips = self.trips.to(sender);
                     trips.take(at, transit_s, round_trip_s);
+                    self.trips.set(sender, &trips, at);
                     let (base, until) = trips.choose(at);
                     self.delays[index(sender)] = base;
+                    self.largest_delay = self.largest_delay.max(base);
                     self.trips_valid_until = self.trips_valid_until.min(until);
                     timed.insert(sender);
                 }
@@ -428,9 +433,10 @@ impl Peers {
         }
         if now >= self.trips_valid_until {
             self.trips_valid_until = LocalTime::MAX;
-            for (trips, delay) in self.trips.iter_mut().zip(&mut self.delays) {
-                let (base, until) = trips.choose(now);
+            for (peer, delay) in VehicleId::first(self.delays.len()).zip(&mut self.delays) {
+                let (base, until) = self.trips.to(peer).choose(now);
                 *delay = base;
+                self.largest_delay = self.largest_delay.max(base);
                 self.trips_valid_until = self.trips_valid_until.min(until);
             }
             self.near.discard();
@@ -438,12 +444,13 @@ impl Peers {
         timed
     }
 
-    /// Keeps the list of near peers right after an update in which the states or delays of these vehicles have changed.
-    fn update_near(&mut self, changed: VehicleSet) {
+    /// Keeps the list of near peers right after an update in which the delays of these vehicles have changed.
+    fn update_near(&mut self, timed: VehicleSet) {
         if core::mem::replace(&mut self.relistings, self.records.relistings()) != self.relistings {
             self.near.discard();
         }
-        for id in changed.iter().filter(|id| *id != self.own) {
+        let far = self.near.far(self.records.now(), self.records.travel(self.largest_delay));
+        for id in self.records.moved().without(far).either(timed).iter().filter(|id| *id != self.own) {
             let Some(motion) = self.records.motion(id) else { continue };
             let carried_s = || {
                 let (silent_s, delay) = self.silent_s_and_delay(id, motion);

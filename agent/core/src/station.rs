@@ -21,8 +21,8 @@ use skein_common::time::{LocalTime, Now, PlantTime};
 use crate::agent::{Agent, Inputs, Outputs};
 use crate::aircraft::Aircraft;
 use crate::control::Rules;
-use crate::formation::UnsupportedScenario;
 use crate::formation::external::LawReply;
+use crate::formation::{UnsupportedScenario, Workspace};
 use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition, StrangerImpairments};
 use crate::intent::ReceivedIntent;
 use crate::peers::{Broadcast, Received};
@@ -80,6 +80,8 @@ pub struct InPlace<'a> {
     pub broadcast: Broadcast<'a>,
     /// States of other teams.
     pub strangers: &'a [StrangerState],
+    /// Reply of an external law to the last query.
+    pub answer: Option<&'a LawReply>,
 }
 
 /// One vehicle's agent with its clocks, its sensors and the scenario's network impairments.
@@ -170,14 +172,14 @@ impl Station {
 
     /// Steps the agent at this correct time. `measurement` is the exact one of a new frame, `None` if none arrived in
     /// time: the scenario's sensors decide what the agent gets of it. `plant_time` is the time of the newest frame.
-    /// `leave` makes this vehicle land and leave the swarm. `answer` is an external law's reply.
+    /// `leave` makes this vehicle land and leave the swarm.
     pub fn step(
         &mut self,
         right: LocalTime,
         (plant_time, measurement): (PlantTime, Option<&Measurement>),
         leave: bool,
-        answer: Option<&LawReply>,
         in_place: InPlace<'_>,
+        workspace: &mut Workspace,
     ) -> Outputs {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let measured;
@@ -189,9 +191,9 @@ impl Station {
             (_, measurement) => measurement,
         };
         let strangers = StrangersReceived { stamped: &self.strangers, now: in_place.strangers };
-        let (received, intents, broadcast) = (&*self.received, &*self.intents, in_place.broadcast);
+        let (received, intents, InPlace { broadcast, answer, .. }) = (&*self.received, &*self.intents, in_place);
         let inputs = Inputs { measurement, received, broadcast, strangers, intents, leave, answer };
-        let outputs = self.agent.step(now, &inputs);
+        let outputs = self.agent.step(now, &inputs, workspace);
         self.received.clear();
         self.strangers.clear();
         self.intents.clear();

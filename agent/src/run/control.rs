@@ -17,6 +17,7 @@ use super::timing::{Summary, Timing};
 use crate::external::LiveLaw;
 use crate::link::{Link, Messages};
 use skein_core::agent::Outputs;
+use skein_core::formation::Workspace;
 use skein_core::intent::ReceivedIntent;
 use skein_core::neighbourhood::Neighbourhood;
 use skein_core::outbox::Outbox;
@@ -65,6 +66,7 @@ struct LoopState {
     arrived: Vec<Received>,
     strangers: Vec<StrangerState>,
     intents: Vec<ReceivedIntent>,
+    workspace: Workspace,
     events: u64,
     healths: u64,
 }
@@ -81,6 +83,7 @@ impl Control {
             arrived: Vec::new(),
             strangers: Vec::new(),
             intents: Vec::new(),
+            workspace: Workspace::default(),
             events: 0,
             healths: 0,
         };
@@ -116,15 +119,16 @@ impl Control {
         self.receive(true_time, kept);
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
+        let (leave, in_place) = (self.stop.is_requested(), InPlace { answer: answer.as_ref(), ..InPlace::default() });
         let Outputs { command, outbox, ask } =
-            self.station.step(true_time, plant, self.stop.is_requested(), answer.as_ref(), InPlace::default());
+            self.station.step(true_time, plant, leave, in_place, &mut kept.workspace);
         if let Some(command) = command {
             self.plant.command(command);
         }
         let done = now();
 
         if let Some((law, ask)) = self.law.as_ref().zip(ask) {
-            law.ask(ask);
+            law.ask(*ask);
         }
 
         let trace = frame.and_then(|frame| self.trace(true_time, frame, kept));
@@ -158,18 +162,19 @@ impl Control {
 
     /// Hands the messages of this step to the publisher's thread.
     fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, kept: &mut LoopState) {
-        let position = outbox.state.map(|state| self.origin.ned_from_geodetic(&state.state.position));
-        let state = outbox.state.zip(position.map(Cell::of));
-        let intent = outbox.intent.map(|intent| (intent, intent.cells(&self.origin).collect()));
+        let Outbox { state, mission, intent, happened } = outbox;
+        let position = state.as_ref().map(|state| self.origin.ned_from_geodetic(&state.state.position));
+        let state = state.map(|state| *state).zip(position.map(Cell::of));
+        let intent = intent.map(|intent| (*intent, intent.cells(&self.origin).collect()));
         let cells = position.and_then(|position| self.cells_around(position));
         let event = |what| {
             kept.events += 1;
             tracing::info!("vehicle {} {what}", self.own);
             Event { header: self.header(now, kept.events), what }
         };
-        let events: Vec<Event> = outbox.happened.into_iter().map(event).collect();
-        if state.is_some() || outbox.mission.is_some() || intent.is_some() || !events.is_empty() || trace.is_some() {
-            self.link.send(Messages { state, mission: outbox.mission, events, trace, intent, cells });
+        let events: Vec<Event> = happened.into_iter().map(event).collect();
+        if state.is_some() || mission.is_some() || intent.is_some() || !events.is_empty() || trace.is_some() {
+            self.link.send(Messages { state, mission: mission.map(|mission| *mission), events, trace, intent, cells });
         }
     }
 

@@ -45,6 +45,7 @@
 //! * Otherwise `null` means that a figure does not apply to this run.
 
 pub mod across;
+mod ages;
 mod crashes;
 pub mod figures;
 mod fleet;
@@ -57,6 +58,7 @@ mod report;
 mod separation;
 mod series;
 mod shape;
+mod steady;
 mod traffic;
 mod transient;
 mod vehicle;
@@ -71,6 +73,7 @@ use skein_common::message::EventKind;
 use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Target, Vertical};
 
 use crate::faults::InjectedFault;
+use ages::{AgeHistogram, AgeSampling};
 use crashes::Crashes;
 pub use figures::{Direction, WALL_CLOCK_KEYS};
 pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};
@@ -81,8 +84,9 @@ use membership::Membership;
 use mission::Steps;
 pub use report::{Report, Run, VehicleReport, Wall};
 use separation::Separations;
-use series::{AgeHistogram, AgeSampling, FormationSeries, InFormation, Settling};
+use series::Settling;
 pub(crate) use shape::Shape;
+use steady::{Column, MemberSums, SwarmSeries, VehicleSeries};
 pub use traffic::{TRAFFIC_FILE, VehicleTraffic, read_traffic, traffic_csv};
 use transient::Transients;
 use vehicle::Standing;
@@ -118,12 +122,8 @@ pub struct Metrics {
     in_band: Settling,
     even_10deg: Settling,
     even_5deg: Settling,
-    radial: FormationSeries,
-    /// Number of observations between two samples of the series, and those since the last sample.
-    sample_every: u32,
-    since_sample: u32,
-    spacing: series::Window,
-    centroid: series::Window,
+    series: SwarmSeries,
+    vehicle_series: VehicleSeries,
     following: Following,
     alignment: Alignment,
     graph: Graph,
@@ -191,12 +191,9 @@ impl Metrics {
             in_band: Settling::default(),
             even_10deg: Settling::default(),
             even_5deg: Settling::default(),
-            radial: FormationSeries::new(vehicles),
-            // Samples at 50 Hz are most of a vehicle's memory; for a fleet 10 Hz are enough.
-            sample_every: if scenario.team.is_some() { 5 } else { 1 },
-            since_sample: 0,
-            spacing: series::Window::default(),
-            centroid: series::Window::default(),
+            // The series of a fleet's many teams are not small; 10 Hz are enough for it.
+            series: SwarmSeries::new(if scenario.team.is_some() { 5 } else { 1 }),
+            vehicle_series: VehicleSeries::new(vehicles, steps.first().map_or(0.0, |step| step.formation.radius_m)),
             following: Following::default(),
             alignment: Alignment::default(),
             graph: Graph::default(),
@@ -233,10 +230,14 @@ impl Metrics {
         if is_change {
             self.steps.observe(t_s, vehicles);
         }
-        self.alignment.observe(t_s, vehicles, &self.members);
+        let is_kept = self.series.begin(t_s);
+        if is_kept {
+            self.vehicle_series.begin(t_s);
+        }
+        self.alignment.observe(&mut self.series, vehicles, &self.members);
         self.graph.observe(t_s, vehicles, &self.members, self.alignment.directions());
         self.crashes.observe(vehicles);
-        self.observe_members(t_s, vehicles);
+        self.observe_members(t_s, vehicles, is_kept);
         self.observe_pairs(vehicles);
         self.observe_effort(dt_s, vehicles);
     }
@@ -262,6 +263,11 @@ impl Metrics {
     /// The peers of which ages are to be observed at the next observation.
     pub fn sampled(&self) -> VehicleSet {
         self.sampling.now()
+    }
+
+    /// Whether the observation at this time looks at [`VehicleNow::fresh`].
+    pub fn needs_fresh(&self, t_s: f64) -> bool {
+        self.graph.is_due(t_s)
     }
 
     /// Observes the age of a peer's newest state at one step, s, by the receiver's clock. Leave out lost peers.
@@ -300,17 +306,13 @@ impl Metrics {
     }
 
     /// Updates the figures that depend on the members' positions.
-    fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+    fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow], is_kept: bool) {
         let members = || self.members.iter().map(|&nth| &vehicles[nth]);
         let count = self.members.len();
         let middle_rank = (count as f64 - 1.0) / 2.0;
         let (mut high, mut inside, mut sum_ne_m) = (true, true, Vector2::zeros());
+        let mut sums = MemberSums::default();
         self.bearings.clear();
-        self.since_sample = if self.since_sample == 0 { self.sample_every } else { self.since_sample } - 1;
-        let is_sampled = self.since_sample == self.sample_every - 1;
-        if is_sampled {
-            self.radial.begin(t_s);
-        }
         for (rank, member) in members().enumerate() {
             let Some(shape) = self.shapes.get(member.step as usize) else { continue };
             let centre = PositionNed::new(member.centre_ne_m.x, member.centre_ne_m.y, -shape.altitude_m);
@@ -330,17 +332,17 @@ impl Metrics {
                 self.following.follow(from_centre_ne_m.norm(), is_inside);
             }
             let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
-            let step = member.step as u16;
-            let sample = InFormation { rho_m, altitude_error_m, step, inside: is_inside };
-            if is_sampled {
-                self.radial.add(index(member.id), sample);
+            sums.add(rho_m, shape.ring.radius_m, altitude_error_m, is_inside);
+            if is_kept {
+                self.vehicle_series.add(index(member.id), rho_m, shape.ring.radius_m);
             }
         }
         if count > 0 {
             let lag_m = sum_ne_m.norm() / count as f64;
-            self.centroid.add(t_s, lag_m);
+            self.series.set(Column::CentroidLag, lag_m);
             self.following.trail(lag_m);
         }
+        self.series.set_members(&sums);
         self.settle(t_s, count > 0 && high, count > 0 && inside, members().map(|member| member.step).max());
     }
 
@@ -352,7 +354,7 @@ impl Metrics {
         self.even_10deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 10.0));
         self.even_5deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 5.0));
         if let Some(deviation_deg) = deviation_deg {
-            self.spacing.add(t_s, deviation_deg);
+            self.series.set(Column::Spacing, deviation_deg);
         }
         // A single vehicle has no gaps.
         let is_even = deviation_deg.is_none_or(|deviation_deg| deviation_deg < 10.0);

@@ -49,7 +49,7 @@ pub fn scenario(name: &str) -> Option<Source<'static>> {
 /// The shipped scenario with this name.
 ///
 /// # Errors
-/// If there is none; the error names the most similar one.
+/// If no shipped scenario has it; the error names the most similar one.
 pub fn find(name: &str) -> Result<Source<'static>, Error> {
     scenario(name).ok_or_else(|| {
         let help = most_similar(name)

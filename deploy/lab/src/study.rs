@@ -17,6 +17,7 @@ mod verdict;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 
+use skein_common::id::VehicleSet;
 use skein_common::scenario::{Scenario, Target};
 use skein_common::state::Membership;
 use skein_core::aircraft::Aircraft;
@@ -109,14 +110,15 @@ fn longest_s(scenario: &Scenario) -> f64 {
 pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut Vec<VehicleNow>) {
     let t_s = world.t_s() - zero_s;
     world.faults().iter().for_each(|fault| metrics.fault(t_s, fault));
-    world.events().iter().for_each(|(sender, what)| metrics.observe_event(t_s, *sender, what));
+    world.events().for_each(|(sender, what)| metrics.observe_event(t_s, sender, &what));
     vehicles.clear();
+    let (sampled, needs_fresh) = (metrics.sampled(), metrics.needs_fresh(t_s));
     for (id, agent, truth, controls) in world.all_vehicles() {
         let Some(agent) = agent else {
             vehicles.push(VehicleNow::dead(id, *truth));
             continue;
         };
-        agent.peer_ages(metrics.sampled()).for_each(|peer| metrics.observe_age(peer.age_s));
+        agent.peer_ages(sampled).for_each(|peer| metrics.observe_age(peer.age_s));
         vehicles.push(VehicleNow {
             id,
             runs: true,
@@ -127,7 +129,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             reached: agent.reached(),
             centre_ne_m: agent.centre_ne_m(),
             in_contact: agent.peers_in_contact(),
-            fresh: agent.fresh_peers(),
+            fresh: if needs_fresh { agent.fresh_peers() } else { VehicleSet::default() },
         });
     }
     metrics.observe(t_s, vehicles);

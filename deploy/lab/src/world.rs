@@ -12,6 +12,7 @@
 
 mod central;
 mod driver;
+mod events;
 mod plants;
 mod script;
 mod vehicle;
@@ -43,6 +44,7 @@ use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
 use central::Central;
 use driver::{Decentralised, Driver};
+use events::Events;
 pub use plants::Blocks;
 use script::{Operator, ScriptedAction};
 use vehicle::{Arriving, Vehicle};
@@ -89,7 +91,7 @@ pub struct World {
     to_one: Vec<(VehicleId, PeerMessage)>,
     /// Queries to external laws since the last call of [`Self::take_asks`].
     asks: Vec<LawQuery>,
-    events: Vec<(VehicleId, EventKind)>,
+    events: Events,
     faults: Vec<InjectedFault>,
     /// Faults that were injected since the last tick.
     pending_faults: Vec<InjectedFault>,
@@ -107,7 +109,7 @@ impl World {
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
         formation::check(scenario)?;
         let driver: Box<dyn Driver> = match scenario.control.mode {
-            ControlMode::Each => Box::new(Decentralised),
+            ControlMode::Each => Box::new(Decentralised::default()),
             ControlMode::Central => Box::new(Central::new(scenario)),
         };
         let scenario = &driver.scenario_of_agents(scenario);
@@ -133,7 +135,7 @@ impl World {
             scenario: scenario.clone(),
             rules: rules.clone(),
             asks: Vec::new(),
-            events: Vec::new(),
+            events: Events::default(),
             faults: Vec::new(),
             pending_faults: Vec::new(),
             ended_totals: Totals::default(),
@@ -188,15 +190,15 @@ impl World {
         let arriving = Arriving { broadcast, strangers };
         driver.frame(now, arriving, vehicles, threads, &mut |vehicle, outbox, ask| {
             let id = vehicle.id;
-            asks.extend(ask);
-            let state = outbox.state.map(|state| ReceivedState::new(through_wire(&state), origin));
+            asks.extend(ask.map(|ask| *ask));
+            let state = outbox.state.map(|state| ReceivedState::new(through_wire(&*state), origin));
             in_flight.extend(state.map(PeerMessage::State));
             if let Some(mission) = outbox.mission {
-                vehicle.heartbeat = Some(through_wire(&mission));
+                vehicle.heartbeat = Some(through_wire(&*mission));
                 in_flight.extend(vehicle.heartbeat.map(PeerMessage::Mission));
             }
-            intents.extend(outbox.intent.map(|intent| through_wire(&intent)));
-            events.extend(outbox.happened.into_iter().map(|what| (id, what)));
+            intents.extend(outbox.intent.map(|intent| through_wire(&*intent)));
+            events.add(id, outbox.happened);
         });
         self.arriving.clear();
         self.strangers.clear();
@@ -303,8 +305,8 @@ impl World {
     }
 
     /// The events that agents reported in the last tick.
-    pub fn events(&self) -> &[(VehicleId, EventKind)] {
-        &self.events
+    pub fn events(&self) -> impl Iterator<Item = (VehicleId, EventKind)> {
+        self.events.iter()
     }
 
     /// The faults that were injected in the last tick.
@@ -339,7 +341,9 @@ impl World {
             let to_all = to_all.iter().filter(|message| message.sender() != Some(id));
             let to_it = to_one.iter().filter(|(receiver, _)| *receiver == id).map(|(_, message)| message);
             vehicle.receive_strangers(now, strangers);
-            vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
+            if !vehicle.takes_broadcast || !to_one.is_empty() {
+                vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
+            }
         }
         to_one.clear();
         if any_takes_broadcast {

@@ -17,7 +17,7 @@ pub(super) struct NewFile {
     pub(super) path: String,
     /// Its text.
     pub(super) text: String,
-    /// What it is, in a few words.
+    /// A short description of it.
     pub(super) about: &'static str,
     /// Whether it can be run.
     pub(super) is_program: bool,
@@ -212,7 +212,7 @@ fn found_cluster(name: &Name, found: &[FoundXPlane]) -> Start {
 fn study(name: &Name) -> Start {
     let text = format!(
         "#!/bin/sh\n# A study of the shipped hover formation: how much loss on the network does it bear?\nset -eu\n\n\
-         # Twenty seeds at each of three losses. A study that was interrupted goes on where it stopped.\n\
+         # Twenty seeds at each of three losses. A second start of an interrupted study continues it.\n\
          skein study hover --seeds 0..20 --sweep network.loss=0,0.1,0.3 --out {name}\n\n\
          # The same without the safety filter, and the two side by side, seed by seed. `compare` ends with status 1 if\n\
          # a figure is worse.\n\

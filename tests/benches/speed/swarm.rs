@@ -6,6 +6,7 @@ use skein_common::message::{self, Heartbeat, Message, State};
 use skein_common::scenario::Scenario;
 use skein_common::time::{LocalTime, Now};
 use skein_core::builtin::BuiltInPlant;
+use skein_core::formation::Workspace;
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
 use skein_core::peers::{Broadcast, PeerMessage, ReceivedState, SharedRecords};
 use skein_core::plant::{Command, Controls, Measurement};
@@ -53,6 +54,7 @@ pub(super) struct Swarm {
     stations: Vec<Station>,
     plants: Vec<BuiltInPlant>,
     blocks: Blocks,
+    workspace: Workspace,
     in_flight: Vec<PeerMessage>,
     records: SharedRecords,
     ticks: u64,
@@ -71,6 +73,7 @@ impl Swarm {
             stations: scenario.ids().map(|id| station(id).expect("the hover flies")).collect(),
             plants: plants(study),
             blocks: Blocks::default(),
+            workspace: Workspace::default(),
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
             records: SharedRecords::new(scenario),
             ticks: 0,
@@ -91,14 +94,14 @@ impl Swarm {
                 local,
                 (frame.time, Some(&frame.measurement)),
                 false,
-                None,
-                InPlace { broadcast, strangers: &[] },
+                InPlace { broadcast, ..InPlace::default() },
+                &mut self.workspace,
             );
             plant = frame.time;
             measurements.push(frame.measurement);
             commands.push(outputs.command);
-            sent.extend(outputs.outbox.state.map(Sent::State));
-            sent.extend(outputs.outbox.mission.map(Sent::Heartbeat));
+            sent.extend(outputs.outbox.state.map(|state| Sent::State(*state)));
+            sent.extend(outputs.outbox.mission.map(|heartbeat| Sent::Heartbeat(*heartbeat)));
         }
         self.in_flight = sent.iter().map(|message| message.through_wire(&self.origin)).collect();
         self.blocks.advance(helicopters(&mut self.plants, &commands));

@@ -68,6 +68,7 @@ impl Flight {
                 leave: false,
                 answer: None,
             },
+            &mut Workspace::default(),
         )
     }
 

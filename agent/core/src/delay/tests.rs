@@ -19,7 +19,7 @@ const SECOND: f64 = 1.0;
 
 /// The delay of a message with this transit that arrives now.
 fn delay_of(trips: &RoundTrips, now: LocalTime, transit_s: f64) -> Option<MessageDelay> {
-    trips.choose(now).0.at_arrival(now, transit_s).after(0.0)
+    trips.choose(now).0.at_arrival(Excess::new(now, transit_s)).after(0.0)
 }
 
 impl Pair {

@@ -144,10 +144,11 @@ impl Law for Ring {
         let centre = observation.goal.centre;
         // The spacing also leaves room for members whose states are not received.
         let ring = Self { avoid_distance: AvoidDistance::Fixed(self.avoid_distance_m(observation.live())), ..*self };
-        let field =
-            ring.field(observation.own, observation.position, centre, observation.neighbours, observation.obstacles);
+        let (own, place) = (observation.own, observation.position);
+        let level = self.level_and_normal(place - centre);
+        let field = ring.field_at(level, own, place, observation.neighbours, observation.obstacles);
         let is_calm = self.region == Region::Inside || field.norm() < IN_PLACE_FIELD;
-        let reached = is_calm && self.holds(observation.position - centre) && observation.is_slow();
+        let reached = is_calm && self.holds_level(level.0) && observation.is_slow();
         LawOutput { command: LawCommand::Field(field), reached }
     }
 
@@ -209,7 +210,18 @@ impl Ring {
         neighbours: &[Neighbour],
         obstacles: &[Obstacle],
     ) -> Vector3<f64> {
-        let (rho_m, outward) = self.level_and_normal(place - centre);
+        self.field_at(self.level_and_normal(place - centre), own, place, neighbours, obstacles)
+    }
+
+    /// The field at a position with this level, m, and this normal.
+    fn field_at(
+        &self,
+        (rho_m, outward): (f64, Vector3<f64>),
+        own: VehicleId,
+        place: PositionNed,
+        neighbours: &[Neighbour],
+        obstacles: &[Obstacle],
+    ) -> Vector3<f64> {
         let [alpha_in, alpha_out] = self.edge_steepness_per_m;
         let (inward, s_perp) = match self.region {
             Region::Band => {

@@ -56,7 +56,7 @@ fn task(speed_m_s: f64) -> Task {
 }
 
 fn output(formation: &mut Formation, estimate: &Estimate, peers: &[PeerEstimate], speed_m_s: f64) -> FormationOutput {
-    formation.step(0.02, estimate, summary(peers, false), &task(speed_m_s)).unwrap()
+    formation.step(0.02, estimate, summary(peers, false), &task(speed_m_s), &mut Workspace::default()).unwrap()
 }
 
 #[test]
@@ -158,7 +158,7 @@ proptest! {
             let lines = format!("law = '{law}'\nsafety_filter = '{filter}'\nslots.pattern = '{pattern}'");
             let mut formation = formation(&lines);
             for _ in 0..2 {
-                let output = formation.step(dt_s, &estimate, summary(&peers, false), &task(centre)).unwrap();
+                let output = formation.step(dt_s, &estimate, summary(&peers, false), &task(centre), &mut Workspace::default()).unwrap();
                 let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = output.setpoint;
                 let error_ne_m = output.setpoint.error_ne_m();
                 let numbers = relative_velocity_ne_m_s.iter().chain(&feedforward_ne_m_s).chain(&output.field_ne);
@@ -224,7 +224,9 @@ fn a_vehicle_that_stays_keeps_the_rise_of_its_partition() {
     let mut formation = formation("");
     let mut fly = |flies_above: bool, task: &Task| {
         let others = || summary(&[], flies_above);
-        let steps = (0..1000).filter_map(|_| formation.step(0.02, &at(100.0, 0.0, 40.0), others(), task));
+        let mut workspace = Workspace::default();
+        let step = |_| formation.step(0.02, &at(100.0, 0.0, 40.0), others(), task, &mut workspace);
+        let steps = (0..1000).filter_map(step);
         steps.map(|output| output.setpoint.altitude_m).last().unwrap()
     };
     assert!((fly(true, &task(0.0)) - 40.0).abs() < 1e-9, "10 m above the 30 m of the other partition");

@@ -14,11 +14,16 @@ const SKIN_SHARE: f64 = 0.1;
 /// A peer counts as too far off to be listed from this much farther on, m: more than the rounding error of a distance.
 const ROUNDING_M: f64 = 1e-3;
 
+/// Time for which far peers have to stay far so that it is worth knowing them, s.
+const FAR_FOR_S: f64 = 1.0;
+
 /// The list of near peers, horizontally.
 #[derive(Clone, Debug, Default)]
 pub(super) struct NearList {
     made: Option<Made>,
     near: VehicleSet,
+    /// Peers that were more than twice as far off as those listed when the list was made.
+    far: VehicleSet,
     /// Largest speed of a peer since the list was made, m/s.
     fastest_m_s: f64,
 }
@@ -31,6 +36,26 @@ struct Made {
     /// The interaction distance, and the distance up to which peers are on the list, m.
     reach_m: f64,
     listed_m: f64,
+    /// [`Travel::travelled_m`] at that time.
+    travelled_m: f64,
+}
+
+/// How far the newest states of all peers have come so far, horizontally.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Travel {
+    /// A length that no peer's reported position has exceeded on its way, m.
+    pub(super) travelled_m: f64,
+    /// Largest speed that a peer has reported, m/s.
+    pub(super) fastest_m_s: f64,
+    /// Largest delay by which a state is carried forward, s.
+    pub(super) delay_s: f64,
+}
+
+impl Travel {
+    /// How far a peer can be, m, from where it was when `before_m` had been travelled, `since_s` ago.
+    fn come_m(&self, before_m: f64, since_s: f64) -> f64 {
+        self.travelled_m - before_m + self.fastest_m_s * (since_s + self.delay_s) + ROUNDING_M
+    }
 }
 
 impl NearList {
@@ -50,21 +75,39 @@ impl NearList {
         fits.then_some(self.near)
     }
 
-    /// Makes the list of these peers, each with its position now.
+    /// Makes the list of these peers, each with its position now and the time over which it was carried forward, s.
     pub(super) fn make(
         &mut self,
         own: PositionNed,
         at: LocalTime,
         reach_m: f64,
-        peers: impl Iterator<Item = (VehicleId, PositionNed, VelocityNed)>,
+        travel: Travel,
+        peers: impl Iterator<Item = (VehicleId, PositionNed, VelocityNed, f64)>,
     ) -> VehicleSet {
         let listed_m = reach_m + SKIN_M + SKIN_SHARE * reach_m;
-        (self.near, self.fastest_m_s) = (VehicleSet::default(), 0.0);
-        self.made = Some(Made { own, at, reach_m, listed_m });
-        for (id, position, velocity) in peers {
+        (self.near, self.far, self.fastest_m_s) = Default::default();
+        self.made = Some(Made { own, at, reach_m, listed_m, travelled_m: travel.travelled_m });
+        let is_worth_it = travel.come_m(travel.travelled_m, FAR_FOR_S) <= listed_m;
+        for (id, position, velocity, carried_s) in peers {
             self.moved(id, position, velocity);
+            // Both the position now and the reported one are that far off.
+            let beyond_m = 2.0 * listed_m + velocity.horizontal().norm() * carried_s + ROUNDING_M;
+            self.far.set(id, is_worth_it && (position - own).xy().norm_squared() > beyond_m * beyond_m);
         }
         self.near
+    }
+
+    /// Peers whose states need not be looked at, because none of them can be so near by now that it has to be listed. When
+    /// that is no longer sure, the list is discarded.
+    ///
+    /// A state is at most the travelled length from the last one before the list, and is carried forward at most over the
+    /// time since then and its delay.
+    pub(super) fn far(&mut self, now: LocalTime, travel: Travel) -> VehicleSet {
+        let Some(made) = self.made.filter(|_| !self.far.is_empty()) else { return VehicleSet::default() };
+        if travel.come_m(made.travelled_m, now.seconds_since(made.at).max(0.0)) > made.listed_m {
+            self.discard();
+        }
+        self.far
     }
 
     /// Whether the list stays right when this peer has a new state with these values, which is carried forward over

@@ -8,13 +8,15 @@ use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Echo, Header, Heartbeat, Order};
 use skein_common::scenario::{Graph, Network, Scenario};
+use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
 
 use super::message::PeerMessage;
+use super::near::Travel;
 use super::peer::{Agreed, FRESH_S, Judgement, KeptHeartbeat, Peer, StateArrival, Status};
 use super::{Change, Report, index};
 use crate::deadlines::Deadline;
-use crate::delay::since_stamp_s;
+use crate::delay::{DelayBase, Excess, since_stamp_s};
 
 /// The newest state of a vehicle, in the swarm's frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -24,8 +26,8 @@ pub(super) struct Motion {
     pub(super) heading_rad: f64,
     /// Arrival of the state.
     pub(super) at: LocalTime,
-    /// Arrival by the own clock minus the stamp by the vehicle's, s.
-    pub(super) transit_s: f64,
+    /// What the delay of the state depends on besides the round trips.
+    pub(super) excess: Excess,
 }
 
 /// What a message changes of the round trips between its sender and one receiver.
@@ -62,6 +64,13 @@ pub(super) struct Records {
     relistings: u64,
     /// Vehicles of which the last update has taken a state.
     moved: VehicleSet,
+    /// A length that no vehicle's reported position has exceeded on its way since the begin, horizontally, m: the sum over
+    /// the updates of the longest way in each.
+    travelled_m: f64,
+    longest_way_m: f64,
+    /// Largest reported horizontal speed so far, m/s, and largest excess of a state's delay.
+    fastest_m_s: f64,
+    largest_excess: Option<Excess>,
     /// Vehicles of which a state arrived less than [`FRESH_S`] ago, and a time before which all of them remain so.
     fresh: VehicleSet,
     fresh_until: LocalTime,
@@ -98,6 +107,10 @@ impl Records {
             revision: 0,
             relistings: 0,
             moved: VehicleSet::default(),
+            travelled_m: 0.0,
+            longest_way_m: 0.0,
+            fastest_m_s: 0.0,
+            largest_excess: None,
             fresh: VehicleSet::default(),
             fresh_until: LocalTime::MAX,
             changes: Vec::new(),
@@ -162,6 +175,7 @@ impl Records {
             // Whatever the clock showed at its arrival, the message arrived between the two updates.
             self.receive(message, at.clamp(before, now));
         }
+        self.travelled_m += core::mem::take(&mut self.longest_way_m);
         self.reports.sort_by_key(|report| report.id);
         self.judge();
         self.update_fresh();
@@ -225,6 +239,13 @@ impl Records {
     /// Vehicles of which the last update has taken a state.
     pub(super) fn moved(&self) -> VehicleSet {
         self.moved
+    }
+
+    /// How far the states have come for a receiver with this largest delay of messages without an excess.
+    pub(super) fn travel(&self, largest: DelayBase) -> Travel {
+        let delay = self.largest_excess.map(|excess| largest.at_arrival(excess));
+        let delay_s = delay.map_or(0.0, |delay| delay.likely_at_most_s(self.now.seconds()));
+        Travel { travelled_m: self.travelled_m, fastest_m_s: self.fastest_m_s, delay_s }
     }
 
     /// Vehicles of which a state arrived less than [`FRESH_S`] ago.
@@ -318,13 +339,13 @@ impl Records {
                 }
                 peer.state = Some(StateArrival { sequence, at });
                 let (id, was_young) = (peer.id, peer.status.contains(Status::YOUNG));
-                self.motions[index(id)] = Motion {
-                    position: message.position,
-                    velocity: message.state.velocity,
-                    heading_rad: message.state.heading_rad,
-                    at,
-                    transit_s: since_stamp_s(at, message.header.stamp),
-                };
+                let excess = Excess::new(at, since_stamp_s(at, message.header.stamp));
+                let VehicleState { velocity, heading_rad, .. } = message.state;
+                let motion = Motion { position: message.position, velocity, heading_rad, at, excess };
+                let before = core::mem::replace(&mut self.motions[index(id)], motion);
+                self.note_way((motion.position - before.position).xy().norm(), id);
+                self.fastest_m_s = self.fastest_m_s.max(velocity.horizontal().norm());
+                self.largest_excess = Some(self.largest_excess.map_or(excess, |largest| largest.max(excess)));
                 self.moved.insert(id);
                 self.arrived(id, at, !was_young);
             }
@@ -337,6 +358,15 @@ impl Records {
                 }
             }
             PeerMessage::Order(order) => self.orders.push(*order),
+        }
+    }
+
+    /// Adds the way of a vehicle between two states, m. A second one in an update counts in full.
+    fn note_way(&mut self, way_m: f64, id: VehicleId) {
+        if self.moved.contains(id) {
+            self.travelled_m += way_m;
+        } else {
+            self.longest_way_m = self.longest_way_m.max(way_m);
         }
     }
 

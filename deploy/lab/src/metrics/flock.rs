@@ -6,7 +6,8 @@ use skein_common::frame::VelocityNed;
 use skein_common::id::VehicleSet;
 
 use super::VehicleNow;
-use super::series::{Mean, Window};
+use super::series::Mean;
+use super::steady::{Column, SwarmSeries};
 
 /// Speed below which a vehicle has no direction of flight, m/s.
 const MOVING_M_S: f64 = 0.2;
@@ -14,18 +15,12 @@ const MOVING_M_S: f64 = 0.2;
 /// Measures how well the members' directions of flight agree.
 #[derive(Debug, Default)]
 pub(super) struct Alignment {
-    /// Polarization Φ, 0 to 1.
-    pub(super) polarization: Window,
-    /// Mean over the members of the mean cosine between their own velocity and those of the members in contact.
-    pub(super) order: Window,
-    /// Mean speed of the members, m/s: Vásárhelyi's φ^vel.
-    pub(super) speed_m_s: Window,
     moving: Moving,
 }
 
 impl Alignment {
     /// Observes all vehicles, of which those with the indices `members` are the live members.
-    pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow], members: &[usize]) {
+    pub(super) fn observe(&mut self, series: &mut SwarmSeries, vehicles: &[VehicleNow], members: &[usize]) {
         self.moving.vehicles.clear();
         let mut speeds_m_s = Mean::default();
         for &nth in members {
@@ -34,15 +29,15 @@ impl Alignment {
             self.moving.vehicles.extend(direction.map(|direction| (nth, direction)));
         }
         if let Some(speed_m_s) = speeds_m_s.mean() {
-            self.speed_m_s.add(t_s, speed_m_s);
+            series.set(Column::Speed, speed_m_s);
         }
         // A single vehicle always agrees with itself.
         if self.moving.vehicles.len() < 2 {
             return;
         }
-        self.polarization.add(t_s, self.moving.polarization());
+        series.set(Column::Polarization, self.moving.polarization());
         if let Some(order) = self.moving.order(vehicles) {
-            self.order.add(t_s, order);
+            series.set(Column::Order, order);
         }
     }
 
@@ -145,9 +140,10 @@ mod tests {
     }
 
     fn observed(vehicles: &[VehicleNow]) -> (Option<f64>, Option<f64>) {
-        let mut alignment = Alignment::default();
-        alignment.observe(0.0, vehicles, &live_members(vehicles));
-        (alignment.polarization.mean(0.0), alignment.order.mean(0.0))
+        let mut series = SwarmSeries::new(1);
+        series.begin(0.0);
+        Alignment::default().observe(&mut series, vehicles, &live_members(vehicles));
+        (series.mean(Column::Polarization, 0.0), series.mean(Column::Order, 0.0))
     }
 
     #[test]
@@ -207,9 +203,10 @@ mod tests {
         let mut all =
             [moving(1, &[], [3.0, 0.0, 4.0]), moving(2, &[], [0.0, 0.1, 0.0]), moving(3, &[], [9.0, 0.0, 0.0])];
         all[2].is_member = false;
-        let mut alignment = Alignment::default();
-        alignment.observe(0.0, &all, &live_members(&all));
-        assert!((alignment.speed_m_s.mean(0.0).unwrap() - 2.55).abs() < 1e-12);
+        let (mut alignment, mut series) = (Alignment::default(), SwarmSeries::new(1));
+        series.begin(0.0);
+        alignment.observe(&mut series, &all, &live_members(&all));
+        assert!((series.mean(Column::Speed, 0.0).unwrap() - 2.55).abs() < 1e-12);
         assert_eq!(alignment.directions().len(), 1);
     }
 

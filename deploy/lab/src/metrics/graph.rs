@@ -40,6 +40,11 @@ pub(super) struct Graph {
 }
 
 impl Graph {
+    /// Whether the next observation at this time looks at the graph.
+    pub(super) fn is_due(&self, t_s: f64) -> bool {
+        t_s >= self.next_s
+    }
+
     /// Observes all vehicles. The nodes are the live members, as indices of the vehicles; so are `moving`, those of them
     /// that move, each with its direction of flight.
     pub(super) fn observe(
@@ -49,7 +54,7 @@ impl Graph {
         nodes: &[usize],
         moving: &[(usize, Vector3<f64>)],
     ) {
-        if t_s < self.next_s {
+        if !self.is_due(t_s) {
             return;
         }
         self.next_s = t_s + PERIOD_S;

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use skein_common::scenario::{ModelKind, Scenario};
 
-use super::series::{Worst, extremes, mean, rms};
-use super::{InFormation, Metrics, STEADY_S};
+use super::series::{Worst, extremes};
+use super::steady::Column;
+use super::{Metrics, STEADY_S};
 use skein_common::statistics::quantile;
 
 /// Identity of a run: scenario, seed and program.
@@ -161,11 +162,12 @@ impl Metrics {
         let steady = self.t_s >= STEADY_S - 0.01;
         let when_steady = |figure: Option<f64>| figure.filter(|_| steady);
         let since_s = self.t_s - STEADY_S;
-        // In a shorter window no figure takes the samples.
-        let sampled = if steady { self.run.vehicles } else { 0 };
-        let samples = || (0..sampled).flat_map(|nth| self.samples(nth, since_s));
         let when_radial = |figure: Option<f64>| figure.filter(|_| steady && self.is_radial);
-        let radial = extremes(samples().map(|sample| sample.rho_m)).filter(|_| steady && self.is_radial);
+        let mean = |column: Column| self.series.mean(column, since_s);
+        let mean_of_members = |column: Column| self.series.mean_of_members(column, since_s);
+        let extremes_of = |column: Column| extremes(self.series.values(column, since_s));
+        let vehicle = self.vehicles(steady);
+        let oscillations_m = vehicle.values().filter_map(|vehicle| vehicle.oscillation_m);
         let settled = self.settled();
         let delays_after_faults = self.delays_after_faults();
         let collisions = self.separations.collisions();
@@ -180,43 +182,41 @@ impl Metrics {
             in_band_s: settled[1].1,
             even_10deg_s: settled[2].1,
             even_5deg_s: settled[3].1,
-            radial_rms_m: when_radial(rms(samples().map(|sample| self.radial_error_m(&sample)))),
-            radial_mean_m: when_radial(mean(samples().map(|sample| sample.rho_m))),
-            radial_min_m: radial.map(|(least, _)| least),
-            radial_max_m: radial.map(|(_, largest)| largest),
-            spacing_error_deg: when_steady(self.spacing.mean(since_s)),
+            radial_rms_m: when_radial(mean_of_members(Column::SquareError).map(f64::sqrt)),
+            radial_mean_m: when_radial(mean_of_members(Column::Rho)),
+            radial_min_m: when_radial(extremes_of(Column::LeastRho).map(|(least, _)| least)),
+            radial_max_m: when_radial(extremes_of(Column::LargestRho).map(|(_, largest)| largest)),
+            spacing_error_deg: when_steady(mean(Column::Spacing)),
             nearest_pair_end_m: self.separations.nearest_now_m(),
             min_separation_m: self.separations.least_m(),
             collisions,
             crashes: self.crashes.count(),
             safety_activations: self.totals.safety_activations,
-            oscillation_m: when_steady(
-                extremes((0..sampled).filter_map(|nth| self.radial.oscillation_m(nth, since_s))).map(|e| e.1),
-            ),
+            oscillation_m: extremes(oscillations_m).map(|(_, largest)| largest),
             max_tilt_deg: self.max_tilt_rad.to_degrees(),
-            altitude_rms_m: when_steady(rms(samples().filter_map(|sample| sample.altitude_error_m))),
+            altitude_rms_m: when_steady(mean_of_members(Column::SquareAltitudeError).map(f64::sqrt)),
             stick_rms: self.stick_square.mean().map(f64::sqrt),
             energy_j: self.effort.iter().filter_map(|effort| effort.energy_j).reduce(|sum, energy| sum + energy),
             band_occupancy: if self.is_flock {
                 self.following.inside.mean()
             } else {
-                when_radial(mean(samples().map(|sample| if sample.inside { 1.0 } else { 0.0 })))
+                when_radial(mean_of_members(Column::Inside))
             },
-            polarization: when_steady(self.alignment.polarization.mean(since_s)),
-            order: when_steady(self.alignment.order.mean(since_s)),
+            polarization: when_steady(mean(Column::Polarization)),
+            order: when_steady(mean(Column::Order)),
             safety: (pairs > 0.0).then(|| 1.0 - collisions as f64 / pairs),
             union: self.graph.union.mean(),
             connectivity: self.graph.connectivity.mean(),
             connected_share: self.graph.connected.mean(),
             velocity_correlation: when_steady(self.graph.correlation.mean(since_s)),
             collision_risk: self.separations.risk(),
-            mean_speed_m_s: when_steady(self.alignment.speed_m_s.mean(since_s)),
+            mean_speed_m_s: when_steady(mean(Column::Speed)),
             disconnected_vehicles: self.graph.disconnected.mean(),
             min_cluster_vehicles: self.graph.smallest.mean(),
             centroid_lag_m: if self.is_flock {
                 self.following.lag_m.mean()
             } else {
-                when_steady(self.centroid.mean(since_s))
+                when_steady(mean(Column::CentroidLag))
             },
             max_centre_distance_m: self.following.farthest_m,
             setpoints_reached: self.steps.passed(),
@@ -239,7 +239,7 @@ impl Metrics {
             wall_s: wall.wall_s,
             real_time_factor: wall.real_time_factor,
             never: self.never(&settled, &delays_after_faults),
-            vehicle: self.vehicles(steady),
+            vehicle,
         }
     }
 
@@ -283,24 +283,15 @@ impl Metrics {
         unsettled.chain(delays_after_faults.iter().filter(|(_, worst)| worst.is_never()).map(|(key, _)| *key)).collect()
     }
 
-    /// The samples of a vehicle in its formation since `since_s`.
-    fn samples(&self, nth: usize, since_s: f64) -> impl Iterator<Item = InFormation> + Clone {
-        self.radial.samples(nth, since_s).map(|(_, sample)| sample)
-    }
-
-    /// ρ − R*, m.
-    fn radial_error_m(&self, sample: &InFormation) -> f64 {
-        sample.rho_m - self.shapes[sample.step as usize].ring.radius_m
-    }
-
     fn vehicles(&self, steady: bool) -> BTreeMap<String, VehicleReport> {
         let since_s = self.t_s - STEADY_S;
         let rows = self.effort.iter().enumerate().map(|(nth, effort)| {
-            let radial = || Some(self.samples(nth, since_s)).filter(|_| steady && self.is_radial);
+            let figures = if steady { self.vehicle_series.figures(nth, since_s) } else { None };
+            let radial = figures.filter(|_| self.is_radial);
             let report = VehicleReport {
-                radial_rms_m: radial().and_then(|samples| rms(samples.map(|sample| self.radial_error_m(&sample)))),
-                radial_mean_m: radial().and_then(|samples| mean(samples.map(|sample| sample.rho_m))),
-                oscillation_m: if steady { self.radial.oscillation_m(nth, since_s) } else { None },
+                radial_rms_m: radial.map(|figures| figures.error_rms_m),
+                radial_mean_m: radial.map(|figures| figures.rho_m),
+                oscillation_m: figures.and_then(|figures| figures.oscillation_m),
                 stick_rms: effort.stick_square.mean().map(f64::sqrt),
                 energy_j: effort.energy_j,
             };

@@ -25,7 +25,8 @@ pub struct VehicleNow {
     pub centre_ne_m: Vector2<f64>,
     /// Peers that the vehicle does not count as lost.
     pub in_contact: VehicleSet,
-    /// Peers whose newest state arrived less than 0.5 s ago, however long it was in flight.
+    /// Peers whose newest state arrived less than 0.5 s ago, however long it was in flight. Only some observations look at
+    /// it ([`Metrics::needs_fresh`](super::Metrics::needs_fresh)).
     pub fresh: VehicleSet,
 }
 

@@ -130,7 +130,7 @@ impl SeedFlight {
 pub(super) fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
     let t_s = world.t_s() - zero_s;
     world.faults().iter().for_each(|fault| watch.fault(t_s, fault));
-    world.events().iter().for_each(|(sender, what)| watch.event(t_s, *sender, what));
+    world.events().for_each(|(sender, what)| watch.event(t_s, sender, &what));
     if due {
         world.traces().for_each(|trace| watch.step(t_s, &trace));
     }

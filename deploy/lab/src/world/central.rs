@@ -34,6 +34,7 @@ use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
+use skein_core::formation::Workspace;
 use skein_core::formation::external::LawQuery;
 use skein_core::impairments::{Impairments, ReceiverPosition};
 use skein_core::outbox::Outbox;
@@ -66,6 +67,7 @@ pub(super) struct Central {
     origin: Origin,
     /// Time to compute one vehicle's step, s.
     step_s: f64,
+    workspace: Workspace,
     outages: Schedule<ScriptedAction>,
     is_running: bool,
     /// Time at which the current frame is computed.
@@ -154,6 +156,7 @@ impl Central {
             place: scenario.origin.geodetic(),
             origin: Origin::new(scenario.origin.geodetic()),
             step_s: scenario.control.central_step_s,
+            workspace: Workspace::default(),
             outages: Schedule::new(outages),
             is_running: true,
             busy_until: LocalTime::ZERO,
@@ -208,14 +211,14 @@ impl Central {
     }
 
     /// Steps one vehicle's agent in the frame that begins now. Returns the messages and the query that the agent sends.
-    fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<LawQuery>)> {
+    fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Box<LawQuery>>)> {
         let rank = usize::from(vehicle.id.get());
         let link = self.links.get_mut(rank - 1)?;
         let newest = link.newest.take();
         link.plant_time = newest.map_or(link.plant_time, |(plant_time, _)| plant_time);
         let measurement = newest.as_ref().map(|(_, measurement)| measurement);
         let Outputs { command, outbox, ask } =
-            vehicle.step(now, (link.plant_time, measurement), Arriving::default())?;
+            vehicle.step(now, (link.plant_time, measurement), Arriving::default(), &mut self.workspace)?;
         if let Some(command) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };

@@ -7,6 +7,7 @@ use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
+use skein_core::formation::Workspace;
 use skein_core::formation::external::LawQuery;
 use skein_core::outbox::Outbox;
 use skein_host::parallel::at_once;
@@ -16,7 +17,7 @@ use super::vehicle::{Arriving, Vehicle};
 use crate::metrics::Totals;
 
 /// Accepts the messages and the query that the agent of a vehicle sends in one step.
-pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<LawQuery>) + 'a;
+pub(super) type TakeOutputs<'a> = dyn FnMut(&mut Vehicle, Outbox, Option<Box<LawQuery>>) + 'a;
 
 /// Steps the agents of a world, one frame at a time.
 pub(super) trait Driver: Debug + Send {
@@ -52,8 +53,11 @@ pub(super) trait Driver: Debug + Send {
 }
 
 /// The driver with one agent beside each vehicle, connected without delay or loss.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Decentralised;
+#[derive(Clone, Debug, Default)]
+pub(super) struct Decentralised {
+    /// One for each thread.
+    workspaces: Vec<Workspace>,
+}
 
 impl Driver for Decentralised {
     fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario {
@@ -86,17 +90,19 @@ impl Driver for Decentralised {
         threads: NonZeroUsize,
         take: &mut TakeOutputs<'_>,
     ) {
-        if threads == NonZeroUsize::MIN {
+        self.workspaces.resize_with(threads.get(), Workspace::default);
+        if let [workspace] = self.workspaces.as_mut_slice() {
             for vehicle in vehicles {
-                if let Some(Outputs { outbox, ask, .. }) = step(now, vehicle, arriving) {
+                if let Some(Outputs { outbox, ask, .. }) = step(now, vehicle, arriving, workspace) {
                     take(vehicle, outbox, ask);
                 }
             }
             return;
         }
         let share = vehicles.len().div_ceil(threads.get());
-        let sent = at_once(vehicles.chunks_mut(share).map(|vehicles| {
-            move || vehicles.iter_mut().map(|vehicle| step(now, vehicle, arriving)).collect::<Vec<_>>()
+        let shares = vehicles.chunks_mut(share).zip(&mut self.workspaces);
+        let sent = at_once(shares.map(|(vehicles, workspace)| {
+            move || vehicles.iter_mut().map(|vehicle| step(now, vehicle, arriving, workspace)).collect::<Vec<_>>()
         }));
         for (vehicle, sent) in vehicles.iter_mut().zip(sent.into_iter().flatten()) {
             if let Some(Outputs { outbox, ask, .. }) = sent {
@@ -111,10 +117,10 @@ impl Driver for Decentralised {
 }
 
 /// One frame of a vehicle with the agent beside it: what the agent gives, of which the vehicle has the command.
-fn step(now: LocalTime, vehicle: &mut Vehicle, arriving: Arriving<'_>) -> Option<Outputs> {
+fn step(now: LocalTime, vehicle: &mut Vehicle, arriving: Arriving<'_>, workspace: &mut Workspace) -> Option<Outputs> {
     let frame = vehicle.frame(now);
     let measurement = (!vehicle.simulator_frozen).then_some(&frame.measurement);
-    let outputs = vehicle.step(now, (frame.time, measurement), arriving);
+    let outputs = vehicle.step(now, (frame.time, measurement), arriving, workspace);
     if let Some(outputs) = &outputs {
         vehicle.command = outputs.command;
     }

@@ -20,7 +20,7 @@ fn fly(world: &mut World, seconds: f64) -> Vec<(f64, VehicleId, EventKind)> {
     while world.t_s() < end_s {
         world.tick();
         let t_s = world.t_s();
-        events.extend(world.events().iter().map(|(id, what)| (t_s, *id, *what)));
+        events.extend(world.events().map(|(id, what)| (t_s, id, what)));
     }
     events
 }

@@ -10,8 +10,8 @@ use skein_core::agent::{Agent, Outputs};
 use skein_core::aircraft::Aircraft;
 use skein_core::builtin::BuiltInPlant;
 use skein_core::control::Rules;
-use skein_core::formation::UnsupportedScenario;
 use skein_core::formation::external::LawReply;
+use skein_core::formation::{UnsupportedScenario, Workspace};
 use skein_core::helicopter::Script;
 use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, Received};
@@ -158,13 +158,14 @@ impl Vehicle {
         now: LocalTime,
         plant: (PlantTime, Option<&Measurement>),
         arriving: Arriving<'_>,
+        workspace: &mut Workspace,
     ) -> Option<Outputs> {
         let station = self.station.as_mut()?;
         let answer = self.answer.take();
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
         let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());
         let strangers = group.map_or(&[][..], Vec::as_slice);
-        Some(station.step(now, plant, false, answer.as_ref(), InPlace { broadcast, strangers }))
+        Some(station.step(now, plant, false, InPlace { broadcast, strangers, answer: answer.as_ref() }, workspace))
     }
 
     pub(super) fn trace(&mut self, now: LocalTime) -> Option<Trace> {

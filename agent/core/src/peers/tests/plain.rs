@@ -4,7 +4,7 @@ use skein_common::message::{Echo, Order, Verb};
 use skein_common::time::SenderStamp;
 
 use super::*;
-use crate::delay::{MessageDelay, RoundTrips, since_stamp_s};
+use crate::delay::{Excess, MessageDelay, RoundTrips, since_stamp_s};
 use crate::peers::peer::MAX_OBSTACLE_RADIUS_M;
 
 /// Everything received of one peer in its current incarnation.
@@ -153,7 +153,7 @@ impl Plain {
         let (last, at) = peer.state.unwrap();
         let silent_s = self.now.seconds_since(at).max(0.0);
         let (base, _) = peer.delay.choose(self.now);
-        let delay = base.at_arrival(at, since_stamp_s(at, last.header.stamp)).after(silent_s);
+        let delay = base.at_arrival(Excess::new(at, since_stamp_s(at, last.header.stamp))).after(silent_s);
         let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let standing = match peer.lost_at {

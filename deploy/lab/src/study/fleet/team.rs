@@ -212,7 +212,7 @@ impl Team {
         let in_the_air = self.world.all_vehicles().filter(|(_, _, truth, _)| is_high(truth));
         self.airborne.add(t_s, in_the_air.map(|(id, _, truth, _)| (id, truth.position)));
         if let Some(noted) = &mut self.noted {
-            let events = self.world.events().iter().map(|(sender, what)| NotedKind::Event(*sender, *what));
+            let events = self.world.events().map(|(sender, what)| NotedKind::Event(sender, what));
             let faults = self.world.faults().iter().cloned().map(NotedKind::Fault);
             noted.extend(faults.chain(events).map(|what| (t_s, what)));
         }
