@@ -9,6 +9,7 @@
 //!
 //! One set of laws serves one run at a time. It stays for the next run, which begins with a hello.
 
+mod local;
 mod trial;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,6 +27,7 @@ use skein_host::external::session::{LawInput, LawSession, LawUnresponsive, Sink}
 use skein_host::external::{ExternalError, LawTransport, port_of, vector};
 
 use crate::world::World;
+pub use local::{LawMaker, LocalLaws, LocalRun};
 use skein_host::clock::{now, sleep};
 pub use trial::Trial;
 
@@ -62,37 +64,59 @@ pub enum LawError {
     /// The law of this vehicle ended or closed its connection.
     #[error("the law of vehicle {0} {1}")]
     Ended(VehicleId, String),
+    /// The law of this vehicle, in the process of the study, failed.
+    #[error("the law of vehicle {0}: {1}")]
+    Local(VehicleId, String),
 }
 
 /// Sets of laws that wait for their next run.
 ///
 /// All clones share the same sets. The laws receive a bye when the last clone is dropped.
 #[derive(Clone, Debug, Default)]
-pub struct LawPool(Arc<Mutex<Vec<Laws>>>);
+pub struct LawPool {
+    programs: Arc<Mutex<Vec<Programs>>>,
+    /// Makes laws in this process, instead of programs.
+    local: Option<LawMaker>,
+}
 
 impl LawPool {
+    /// Laws that run in this process, in place of the programs that the scenario names.
+    pub fn local(maker: LawMaker) -> Self {
+        Self { local: Some(maker), ..Self::default() }
+    }
+
+    /// Whether the laws run in this process.
+    pub fn is_local(&self) -> bool {
+        self.local.is_some()
+    }
+
     /// Takes laws for a run of this scenario and sends them a hello; `None` if its law is not external.
     ///
     /// # Errors
     /// A law cannot be reached or does not report that it is ready.
     pub fn take(&self, scenario: &Scenario) -> Result<Option<Laws>, LawError> {
         let Some(transport) = LawTransport::of(scenario)? else { return Ok(None) };
-        let fits = |laws: &Laws| laws.transport == transport && laws.has_asked.len() == scenario.swarm.vehicles;
+        if let Some(maker) = &self.local {
+            return LocalRun::begin(maker, scenario).map(|run| Some(Laws::Local(run)));
+        }
+        let fits = |laws: &Programs| laws.transport == transport && laws.has_asked.len() == scenario.swarm.vehicles;
         let kept = {
-            let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut pool = self.programs.lock().unwrap_or_else(PoisonError::into_inner);
             pool.iter().position(fits).map(|index| pool.swap_remove(index))
         };
         let mut laws = match kept {
             Some(laws) => laws,
-            None => Laws::start(transport, scenario.ids())?,
+            None => Programs::start(transport, scenario.ids())?,
         };
         laws.begin_run(scenario)?;
-        Ok(Some(laws))
+        Ok(Some(Laws::Programs(laws)))
     }
 
     /// Returns laws to the pool for another run.
     pub fn put_back(&self, laws: Laws) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(laws);
+        if let Laws::Programs(laws) = laws {
+            self.programs.lock().unwrap_or_else(PoisonError::into_inner).push(laws);
+        }
     }
 }
 
@@ -114,7 +138,29 @@ pub fn jobs(scenario: &Scenario, requested: Option<NonZeroUsize>) -> Result<Opti
 
 /// The laws of all vehicles of one run.
 #[derive(Debug)]
-pub struct Laws {
+pub enum Laws {
+    /// In other programs.
+    Programs(Programs),
+    /// In this process.
+    Local(LocalRun),
+}
+
+impl Laws {
+    /// Sends the queries of the world's last tick to the laws and hands their answers to its next tick.
+    ///
+    /// # Errors
+    /// A law is silent, has ended or has failed.
+    pub fn serve(&mut self, world: &mut World) -> Result<(), LawError> {
+        match self {
+            Self::Programs(laws) => laws.serve(world),
+            Self::Local(run) => run.serve(world),
+        }
+    }
+}
+
+/// Laws in other programs during one run.
+#[derive(Debug)]
+pub struct Programs {
     transport: LawTransport,
     /// One conversation for each vehicle, or a single one for all vehicles.
     conversations: Vec<Conversation>,
@@ -139,7 +185,7 @@ struct Conversation {
     warned: [bool; Fault::KINDS],
 }
 
-impl Laws {
+impl Programs {
     fn start(transport: LawTransport, ids: impl Iterator<Item = VehicleId>) -> Result<Self, LawError> {
         let bind = |host: &str, port: u16| {
             let listener = TcpListener::bind((host, port));
@@ -221,11 +267,8 @@ impl Laws {
         Ok(Conversation::new(self.has_asked.keys().copied().collect(), session, messages))
     }
 
-    /// Sends the queries of the world's last tick to the laws and hands their answers to its next tick.
-    ///
-    /// # Errors
-    /// A law is silent or has ended.
-    pub fn serve(&mut self, world: &mut World) -> Result<(), LawError> {
+    /// As [`Laws::serve`].
+    fn serve(&mut self, world: &mut World) -> Result<(), LawError> {
         let asks = world.take_asks();
         for ask in asks.iter().filter(|ask| ask.tick == 0) {
             // A restarted agent needs a restarted law.
@@ -255,7 +298,7 @@ impl Laws {
     }
 }
 
-impl Drop for Laws {
+impl Drop for Programs {
     /// Sends bye to all laws first, so that they end at the same time.
     fn drop(&mut self) {
         self.conversations.iter_mut().for_each(|conversation| conversation.session.send_bye());

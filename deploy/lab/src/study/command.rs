@@ -3,20 +3,16 @@
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::PathBuf;
-use std::thread;
 
-use super::flight::fly_side_by_side;
-use super::plan::{Plan, write};
-use super::progress::Progress;
-use super::recorded::record;
+use super::plan::Plan;
+use super::planned::fly_planned;
+use super::progress::Shown;
 use super::sweep::Sweep;
 use super::{summary, table, verdict};
 use crate::error::Error;
 use crate::metrics::Measured;
 use crate::scenario::{ScenarioArgs, quoted};
-use crate::terminal::json;
 use crate::terminal::{say, what_next};
-use skein_host::parallel::in_parallel;
 
 /// `skein study`
 #[derive(Clone, Debug, clap::Args)]
@@ -79,40 +75,25 @@ fn samples(text: &str) -> Result<usize, String> {
 /// What stands against the study: nothing was flown then. Or a run that failed; those that were done are written.
 pub fn run(args: &StudyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
-    let cores = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    let jobs = plan.jobs.unwrap_or(NonZeroUsize::new(cores.get() / args.threads).unwrap_or(NonZeroUsize::MIN));
-    let runs = fly(&plan, jobs, !args.no_record)?;
-    if !args.no_record && !plan.is_fleet {
-        record(&plan, &runs, jobs)?;
-    }
-
-    write(&plan.out.join("runs.csv"), &summary::csv(&plan.points, &runs))?;
+    let runs = fly_planned(&plan, !args.no_record, &Shown::default())?;
     let which = if args.all { table::Which::All } else { table::Which::Headline };
-    let (text, output) = match args.sweep.is_empty() {
-        true => {
-            let summary = summary(&runs);
-            let output = match runs.as_slice() {
-                [run] => table::of_run(run, which),
-                _ => table::of_figures(&summary, which),
-            };
-            (json(&summary), output)
-        }
-        false => {
-            let summaries = summary::by_point(&plan.points, &runs);
+    let output = match (args.sweep.is_empty(), runs.as_slice()) {
+        (true, [run]) => table::of_run(run, which),
+        (true, runs) => table::of_figures(&summary(runs), which),
+        (false, runs) => {
+            let summaries = summary::by_point(&plan.points, runs);
             let mut output = table::of_points(&plan.points, &summaries);
             for (point, summary) in plan.points.iter().zip(&summaries).filter(|_| args.all) {
                 output +=
                     &format!("\npoint {}: {point}\n{}", summary.point, table::of_figures(&summary.figures, which));
             }
-            (json(&summaries), output)
+            output
         }
     };
-    // The last of all: the study is finished when it is there.
-    write(&plan.out.join("summary.json"), &text)?;
     match runs.as_slice() {
         _ if !args.json => say(&format!("{}\n{output}", verdict::verdict(&args.scenario, &plan.points, &runs))),
         [_] if args.sweep.is_empty() => say(&plan.run(0).text()?),
-        _ => say(&text),
+        _ => say(&plan.summary()?),
     }
     let out = plan.out.display().to_string();
     eprintln!("written to {out}");
@@ -136,32 +117,6 @@ fn next(out: &str, args: &StudyArgs, runs: &[Measured]) -> String {
         _ => lines.push((format!("skein compare {out} OTHER"), "against another study's folder, seed by seed")),
     }
     what_next(&lines)
-}
-
-/// All runs in their order; those that were there already are only read.
-fn fly(plan: &Plan, jobs: NonZeroUsize, is_recorded: bool) -> Result<Vec<Measured>, Error> {
-    let mut there: Vec<Option<Measured>> = (0..plan.runs()).map(|nth| plan.run(nth).measured()).collect();
-    let left: Vec<usize> = (0..there.len()).filter(|&nth| there[nth].is_none()).collect();
-    if left.len() < there.len() {
-        eprintln!("{} of {} runs are there already", there.len() - left.len(), there.len());
-    }
-    let progress = Progress::new(there.len(), there.len() - left.len());
-    if plan.is_fleet {
-        let flown = in_parallel(left.len(), jobs, |nth| {
-            plan.run(left[nth]).fly_fleet(is_recorded).inspect(|_| progress.inc())
-        })?;
-        left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
-        return Ok(there.into_iter().flatten().collect());
-    }
-    let begin = |nth: usize| {
-        let run = plan.run(left[nth]);
-        run.begin().map(|(files, flight)| ((run, files), flight))
-    };
-    let flown = fly_side_by_side(left.len(), jobs, begin, |(run, files), report| {
-        run.end(&files, report).inspect(|_| progress.inc())
-    })?;
-    left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
-    Ok(there.into_iter().flatten().collect())
 }
 
 #[cfg(test)]
