@@ -31,7 +31,7 @@ pub use local::{LawMaker, LocalLaws, LocalRun};
 use skein_host::clock::{now, sleep};
 pub use trial::Trial;
 
-/// A law that sends nothing for this long has failed, s of wall clock.
+/// A law that sends nothing for this long has failed, unless the pool has another timeout, s of wall clock.
 const LAW_TIMEOUT_S: u64 = 10;
 const LAW_TIMEOUT: Duration = Duration::from_secs(LAW_TIMEOUT_S);
 /// A law that connects or sends datagrams may start this much later than the study, s of wall clock.
@@ -75,6 +75,8 @@ pub enum LawError {
 #[derive(Clone, Debug, Default)]
 pub struct LawPool {
     programs: Arc<Mutex<Vec<Programs>>>,
+    /// How long a program may send nothing, if not for [`LAW_TIMEOUT`].
+    timeout: Option<Duration>,
     /// Makes laws in this process, instead of programs.
     local: Option<LawMaker>,
 }
@@ -83,6 +85,11 @@ impl LawPool {
     /// Laws that run in this process, in place of the programs that the scenario names.
     pub fn local(maker: LawMaker) -> Self {
         Self { local: Some(maker), ..Self::default() }
+    }
+
+    /// Programs that may send nothing for this long; without a value, for ten seconds of wall clock.
+    pub fn with_timeout(timeout: Option<Duration>) -> Self {
+        Self { timeout, ..Self::default() }
     }
 
     /// Whether the laws run in this process.
@@ -108,6 +115,9 @@ impl LawPool {
             Some(laws) => laws,
             None => Programs::start(transport, scenario.ids())?,
         };
+        let timeout = self.timeout.unwrap_or(LAW_TIMEOUT);
+        laws.conversations.iter_mut().for_each(|conversation| conversation.timeout = timeout);
+        laws.timeout = timeout;
         laws.begin_run(scenario)?;
         Ok(Some(Laws::Programs(laws)))
     }
@@ -166,6 +176,8 @@ pub struct Programs {
     conversations: Vec<Conversation>,
     listener: Option<TcpListener>,
     hellos: Vec<Hello>,
+    /// How long a law may send nothing.
+    timeout: Duration,
     /// Whether each vehicle's agent has sent a query in this run.
     has_asked: BTreeMap<VehicleId, bool>,
 }
@@ -176,6 +188,8 @@ struct Conversation {
     vehicles: Vec<VehicleId>,
     session: LawSession,
     messages: Receiver<LawInput>,
+    /// How long the law may send nothing.
+    timeout: Duration,
     /// Whether the law has sent anything in this session.
     has_answered: bool,
     /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in
@@ -199,6 +213,7 @@ impl Programs {
                 LawTransport::Command(_) | LawTransport::Udp { .. } => None,
             },
             hellos: Vec::new(),
+            timeout: LAW_TIMEOUT,
             has_asked: ids.map(|id| (id, false)).collect(),
             transport,
         };
@@ -235,7 +250,8 @@ impl Programs {
         self.hellos = scenario.ids().map(|id| Hello::new(scenario, id, Time::Virtual)).collect();
         self.has_asked.values_mut().for_each(|has_asked| *has_asked = false);
         if self.listener.is_some() && self.conversations.iter_mut().all(Conversation::has_ended) {
-            self.conversations = vec![self.accept()?];
+            let timeout = self.timeout;
+            self.conversations = vec![Conversation { timeout, ..self.accept()? }];
         }
         for conversation in &mut self.conversations {
             // Answers that are left from the last run do not belong to this one.
@@ -317,6 +333,7 @@ impl Conversation {
             vehicles,
             session,
             messages,
+            timeout: LAW_TIMEOUT,
             has_answered: false,
             closed: BTreeSet::new(),
             warned: [false; Fault::KINDS],
@@ -429,7 +446,7 @@ impl Conversation {
         let (limit, for_s) = if self.session.uses_vectors() && !self.has_answered {
             (CONNECT_TIMEOUT, CONNECT_TIMEOUT_S)
         } else {
-            (LAW_TIMEOUT, LAW_TIMEOUT_S)
+            (self.timeout, self.timeout.as_secs())
         };
         let left = (since + limit).saturating_duration_since(now());
         if left.is_zero() {

@@ -30,7 +30,7 @@ use crate::external::{LawError, LawPool};
 use crate::metrics::{Metrics, Report, VehicleNow};
 use crate::recording::Watch;
 use crate::world::{World, WorldError};
-pub use batch::{Batch, Pilot};
+pub use batch::{Batch, Pilot, Replaced};
 pub use command::{StudyArgs, run};
 pub use fleet::{FleetRecording, FleetStudy};
 use flight::{SeedFlight, fly_side_by_side};

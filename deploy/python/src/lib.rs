@@ -25,7 +25,9 @@ mod _skein {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::env::{Worlds, observation_names};
+    use super::env::Worlds;
+    #[pymodule_export]
+    use super::env::observation::observation_names;
     #[pymodule_export]
     use super::recording::recording_tables;
     #[pymodule_export]

@@ -128,6 +128,7 @@ fn args(py: Python<'_>, wanted: &Wanted) -> PyResult<StudyArgs> {
         sweep: sweep.collect::<PyResult<_>>()?,
         points: wanted.points,
         jobs: wanted.jobs.and_then(NonZeroUsize::new),
+        law_timeout: None,
         threads: NonZeroUsize::new(wanted.threads).unwrap_or(NonZeroUsize::MIN),
         out: Some(wanted.out.clone()),
         no_record: !wanted.is_recorded,

@@ -100,7 +100,7 @@ def test_a_reward_of_the_user_takes_the_arrays():
 
 
 def test_wrong_settings_and_actions_are_refused():
-    with pytest.raises(skein.SkeinError, match="action is None"):
+    with pytest.raises(skein.SkeinError, match="an action has to be"):
         skein.Env("hover", action="speed")
     with pytest.raises(skein.SkeinError, match="whole frames"):
         skein.Env("hover", set={"formation.external.period_s": 0.05})

@@ -12,7 +12,7 @@ use skein_host::external::protocol::{Hello, Time};
 use super::LawError;
 use crate::world::World;
 
-/// The laws of all vehicles of one run. They answer as a program does that speaks the protocol.
+/// The laws of all vehicles of one run. They answer as a program does that follows the protocol.
 pub trait LocalLaws: fmt::Debug + Send {
     /// Begins the law of one vehicle: before the run, and again when the vehicle's agent has restarted.
     ///
@@ -76,5 +76,70 @@ impl LocalRun {
             world.answer(self.laws.answer(&query).map_err(failed)?);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Mutex, PoisonError};
+
+    use nalgebra::Vector3;
+    use skein_common::scenario::{Source, load};
+    use skein_core::aircraft::Aircraft;
+    use skein_core::control::Rules;
+    use skein_core::formation::external::ReplyCommand;
+
+    use super::super::LawPool;
+    use super::*;
+    use crate::study::Study;
+
+    /// Flies to the centre; fails at this tick of vehicle 2.
+    #[derive(Debug)]
+    struct Gather {
+        begun: Arc<Mutex<Vec<u8>>>,
+        fails_at: Option<u64>,
+    }
+
+    impl LocalLaws for Gather {
+        fn begin(&mut self, hello: &Hello) -> Result<(), String> {
+            self.begun.lock().unwrap_or_else(PoisonError::into_inner).push(hello.vehicle.get());
+            Ok(())
+        }
+
+        fn answer(&mut self, query: &LawQuery) -> Result<LawReply, String> {
+            if self.fails_at == Some(query.tick) && query.vehicle.get() == 2 {
+                return Err("it divides by zero".to_owned());
+            }
+            let to_centre = Vector3::from(query.goal.centre_ned_m) - Vector3::from(query.own.position_ned_m);
+            let command = ReplyCommand::VelocityNed(0.1 * to_centre);
+            let (vehicle, tick) = (query.vehicle, query.tick);
+            Ok(LawReply { vehicle, tick, command, heading_rad: None, reached: None, log: Vec::new() })
+        }
+    }
+
+    fn study(fails_at: Option<u64>) -> (Study, Arc<Mutex<Vec<u8>>>) {
+        let text = "duration_s = 20\nswarm.vehicles = 2\nformation.law = 'external'\n\
+                    formation.external.command = ['sh']\n\
+                    mission.events = [{ at_s = 5, fault = 'kill', vehicle = 2, for_s = 3 }]\n";
+        let scenario = load(&Source { name: "test", text }, &[]).unwrap().scenario;
+        let aircraft = vec![Aircraft::shipped("xcell60").unwrap().unwrap(); scenario.swarm.vehicles];
+        let begun = Arc::default();
+        let of_each = Arc::clone(&begun);
+        let maker = LawMaker::new(move || Box::new(Gather { begun: Arc::clone(&of_each), fails_at }));
+        (Study { scenario, aircraft, rules: Rules::shipped(), laws: LawPool::local(maker) }, begun)
+    }
+
+    #[test]
+    fn a_law_in_this_process_flies_and_begins_anew_with_a_restarted_agent() {
+        let (study, begun) = study(None);
+        let report = study.fly(1).unwrap();
+        assert_eq!(*begun.lock().unwrap(), [1, 2, 2]);
+        assert_eq!(report.law_misses, Some(0));
+    }
+
+    #[test]
+    fn a_law_that_fails_ends_the_run_with_its_reason() {
+        let error = study(Some(3)).0.fly(1).unwrap_err().to_string();
+        assert_eq!(error, "the law of vehicle 2: it divides by zero");
     }
 }

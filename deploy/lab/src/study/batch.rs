@@ -178,3 +178,77 @@ fn tick_together<P: Pilot>(flights: &mut [Option<SeedFlight>], pilots: &mut [P],
         flying.retain_mut(|(flight, _)| !flight.is_over());
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use skein_common::scenario::{Source, load};
+    use skein_core::aircraft::Aircraft;
+    use skein_core::control::Rules;
+    use skein_core::plant::Controls;
+
+    use super::*;
+    use crate::external::LawPool;
+    use crate::metrics::{Measured, WALL_CLOCK_KEYS};
+
+    fn study() -> Study {
+        let source = Source { name: "test", text: "duration_s = 12\nswarm.vehicles = 3\n" };
+        let scenario = load(&source, &[]).unwrap().scenario;
+        let aircraft = vec![Aircraft::shipped("xcell60").unwrap().unwrap(); scenario.swarm.vehicles];
+        Study { scenario, aircraft, rules: Rules::shipped(), laws: LawPool::default() }
+    }
+
+    /// Holds the collective after so many ticks, if it has one.
+    #[derive(Default)]
+    struct Hand {
+        collective: Option<f64>,
+    }
+
+    impl Pilot for Hand {
+        fn begin(&mut self) {}
+
+        fn before(&mut self, world: &mut World, _: u64) {
+            let ids: Vec<_> = world.frames().map(|(id, ..)| id).collect();
+            let controls = self.collective.map(|collective| Controls { collective, ..Controls::default() });
+            ids.into_iter().for_each(|id| world.set_controls(id, controls));
+        }
+
+        fn after_tick(&mut self, _: &mut World) {}
+
+        fn is_ready(&self) -> bool {
+            true
+        }
+    }
+
+    fn measured(report: &Report) -> Measured {
+        let mut measured = Measured::of(report);
+        measured.figures.retain(|key, _| !WALL_CLOCK_KEYS.contains(&key.as_str()));
+        measured
+    }
+
+    #[test]
+    fn worlds_without_pilots_measure_as_the_runs_of_a_study_in_any_number_of_threads() {
+        let alone: Vec<_> = (4..9).map(|seed| measured(&study().fly(seed).unwrap())).collect();
+        for threads in [1, 2] {
+            let mut batch = Batch::new(study(), 5, NonZeroUsize::new(threads).unwrap(), Replaced::Nothing);
+            let mut pilots: Vec<Hand> = (0..5).map(|_| Hand::default()).collect();
+            assert!(batch.world(0).is_none());
+            batch.begin(&(4..9).map(Some).collect::<Vec<_>>(), &mut pilots).unwrap();
+            while !(0..5).all(|nth| batch.is_over(nth)[1]) {
+                batch.tick(7, &mut pilots).unwrap();
+            }
+            let flown: Vec<_> = (0..5).map(|nth| measured(&batch.report(nth).unwrap().unwrap())).collect();
+            assert_eq!(flown, alone, "{threads} threads");
+        }
+    }
+
+    #[test]
+    fn a_pilot_moves_the_controls_of_its_world_alone() {
+        let mut batch = Batch::new(study(), 2, NonZeroUsize::MIN, Replaced::Controls);
+        let mut pilots = [Hand { collective: Some(1.0) }, Hand { collective: Some(0.0) }];
+        batch.begin(&[Some(1), Some(1)], &mut pilots).unwrap();
+        batch.tick(100, &mut pilots).unwrap();
+        let heights =
+            [0, 1].map(|nth| batch.world(nth).unwrap().0.frames().map(|(.., f)| f.truth.height_m).fold(0.0, f64::max));
+        assert!(heights[0] > 2.0 && heights[1] < 1.0, "{heights:?}");
+    }
+}

@@ -3,6 +3,7 @@
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use super::plan::Plan;
 use super::planned::fly_planned;
@@ -43,6 +44,10 @@ pub struct StudyArgs {
     /// Threads that step each run: for one run of many vehicles. The results do not depend on it
     #[arg(long, value_name = "N", default_value_t = NonZeroUsize::MIN)]
     pub threads: NonZeroUsize,
+    /// How long an external law may send nothing, seconds of wall clock, or none: a law with a breakpoint does not end the
+    /// study. Without it 10
+    #[arg(long, value_name = "S|none", value_parser = law_timeout)]
+    pub law_timeout: Option<Duration>,
     /// Folder for the results, new or empty, or that of the very same study, interrupted: the study resumes there.
     /// Without it a new one in skein-runs
     #[arg(long, value_name = "DIR")]
@@ -62,6 +67,13 @@ pub struct StudyArgs {
 fn seeds(text: &str) -> Result<Range<u64>, String> {
     let range = text.split_once("..").and_then(|(from, to)| Some(from.parse().ok()?..to.parse().ok()?));
     range.filter(|range| !range.is_empty()).ok_or_else(|| "two numbers A..B with A below B".to_owned())
+}
+
+/// Seconds, or `none` for a time that no study reaches.
+fn law_timeout(text: &str) -> Result<Duration, String> {
+    const YEAR_S: f64 = 3.2e7;
+    let seconds = if text == "none" { Some(YEAR_S) } else { text.parse().ok().filter(|s| (1.0..=YEAR_S).contains(s)) };
+    seconds.map(Duration::from_secs_f64).ok_or_else(|| "seconds, at least 1, or none".to_owned())
 }
 
 /// At least one.
@@ -122,6 +134,15 @@ fn next(out: &str, args: &StudyArgs, runs: &[Measured]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_law_timeout_is_a_number_of_seconds_or_none() {
+        assert_eq!(law_timeout("2.5"), Ok(Duration::from_millis(2500)));
+        assert!(law_timeout("none").unwrap() > Duration::from_secs(30_000_000));
+        for bad in ["0", "-1", "nan", "inf", "never"] {
+            assert!(law_timeout(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn seeds_are_half_open() {

@@ -319,6 +319,15 @@ mod tests {
     }
 
     #[test]
+    fn a_flight_ends_when_it_is_stopped() {
+        let stop = Stop::default();
+        let mut flight = SeedFlight::new(&study(&[]), 1).unwrap().until(stop.clone());
+        assert!(!flight.is_over());
+        stop.set();
+        assert!(matches!(flight.fly(None), Err(StudyError::Stopped)));
+    }
+
+    #[test]
     fn a_job_flies_as_many_runs_side_by_side_as_fill_its_blocks() {
         for (vehicles, share, expected) in [(4, 9, 2), (8, 9, 1), (3, 9, 5), (3, 2, 2), (16, 9, 1)] {
             let study = study(&[&format!("swarm.vehicles={vehicles}")]);

@@ -80,7 +80,7 @@ impl Plan {
     /// What stands against it; of a sweep, at which point.
     pub fn new(args: &StudyArgs) -> Result<Self, Error> {
         let program = env::current_exe().map_err(|error| Error::Failed(format!("the program itself: {error}")))?;
-        Self::of(args, Host { program, laws: LawPool::default(), stop: Stop::default() })
+        Self::of(args, Host { program, laws: LawPool::with_timeout(args.law_timeout), stop: Stop::default() })
     }
 
     /// As [`Self::new`], flown by this program.
@@ -226,7 +226,7 @@ impl Plan {
 
     /// A new folder, or that of this very study if it has not come to its end.
     fn folder_for(&self, study: &Value, out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
-        // Nothing tells whether a law in this process is still the same.
+        // Whether a law in this process is still the same cannot be checked.
         let begun = out
             .filter(|_| !self.host.laws.is_local())
             .and_then(|out| Some((out, fs::read_to_string(out.join("study.json")).ok()?)));

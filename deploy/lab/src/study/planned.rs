@@ -12,7 +12,7 @@ use crate::metrics::Measured;
 use crate::terminal::json;
 use skein_host::parallel::in_parallel;
 
-/// Is told how far a study is.
+/// Shows how far a study is.
 pub trait Progress: Sync {
     /// The study begins: `done` of its `runs` were there already.
     fn begin(&self, runs: usize, done: usize);

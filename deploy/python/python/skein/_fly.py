@@ -24,7 +24,7 @@ def program() -> str:
     Raises
     ------
     SkeinError
-        If there is none.
+        If no such program is found.
     """
     beside = Path(sys.executable).parent
     found = os.environ.get("SKEIN_PROGRAM") or shutil.which("skein", path=str(beside)) or shutil.which("skein")

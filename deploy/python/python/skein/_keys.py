@@ -37,7 +37,7 @@ def _table_key(key: str) -> str:
 
 
 def set_value(value: Any) -> str:
-    """The value as the option ``--set`` takes it: a plain word needs no quotes."""
+    """The value as the option ``--set`` takes it: a plain text needs no quotes."""
     if isinstance(value, str) and _PLAIN.fullmatch(value) and value not in _NOT_TEXT:
         return value
     return toml_value(value)

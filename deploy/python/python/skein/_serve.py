@@ -1,4 +1,4 @@
-"""Serves a law as a program that speaks the protocol of external laws: ``python -m skein._serve MODULE:CLASS``.
+"""Serves a law as a program that follows the protocol of external laws: ``python -m skein._serve MODULE:CLASS``.
 
 ``MODULE`` is the name of a module or the path of a file.
 """
