@@ -1,5 +1,6 @@
 """Laws: tested by hand, the same in this process and in another one."""
 
+import os
 import subprocess
 import sys
 
@@ -87,7 +88,8 @@ def test_a_law_of_a_restarted_agent_begins_anew():
 
 
 def test_a_law_flies_in_real_time(tmp_path):
-    flown = skein.fly("hover", law=Gather, set={"swarm.vehicles": 2}, duration_s=8, out=tmp_path / "out", quiet=True)
+    set = {"swarm.vehicles": 2, "swarm.name": f"python-{os.getpid()}"}
+    flown = skein.fly("hover", law=Gather, set=set, duration_s=8, out=tmp_path / "out", quiet=True)
     assert flown.runs["collisions"].tolist() == [0]
     assert skein.recording(flown).laws["name"].eq("away_m").all()
 

@@ -99,7 +99,7 @@ impl Pilot for Actor {
     fn before(&mut self, world: &mut World, ticks: u64) {
         self.ticks_left = ticks;
         if self.action == Action::Controls {
-            let ids: Vec<_> = world.frames().map(|(id, ..)| id).collect();
+            let ids: Vec<_> = world.all_vehicles().map(|(id, ..)| id).collect();
             for (id, numbers) in ids.into_iter().zip(self.actions.chunks_exact(4)) {
                 let axis = |nth: usize| numbers[nth].clamp(-1.0, 1.0);
                 let collective = numbers[3].clamp(0.0, 1.0);

@@ -62,17 +62,22 @@ type State = ([f64; 3], [f64; 3]);
 impl Look<'_> {
     /// Fills the room of one world.
     pub(super) fn fill(&self, action: Action, world: &World, metrics: &Metrics, room: Room<'_>) {
-        let frames: Vec<_> = world.frames().collect();
+        // The frame at which the agents have stepped last, and so that of their estimates. A pilot of the controls acts in
+        // place of an agent, on the frame that comes next.
+        let frames: Vec<_> =
+            if action == Action::Controls { world.frames().map(|(.., frame)| frame).collect() } else { Vec::new() };
+        let vehicles: Vec<_> = world.all_vehicles().map(|(_, agent, truth, _)| (agent, truth)).collect();
+        let truth = |nth: usize| frames.get(nth).map_or(vehicles[nth].1, |frame| &frame.truth);
         let truths: Vec<State> =
-            frames.iter().map(|(_, _, frame)| (frame.truth.position.0.into(), frame.truth.velocity.0.into())).collect();
-        let is_airborne = |nth: usize| frames[nth].2.truth.height_m > AIRBORNE_ABOVE_M;
-        let features = room.observations.len() / frames.len().max(1);
-        let mut near: Vec<(f64, State)> = Vec::with_capacity(frames.len());
-        for (nth, (_, agent, frame)) in frames.iter().enumerate() {
+            (0..vehicles.len()).map(|nth| (truth(nth).position.0.into(), truth(nth).velocity.0.into())).collect();
+        let is_airborne = |nth: usize| truth(nth).height_m > AIRBORNE_ABOVE_M;
+        let features = room.observations.len() / vehicles.len().max(1);
+        let mut near: Vec<(f64, State)> = Vec::with_capacity(vehicles.len());
+        for (nth, (agent, _)) in vehicles.iter().enumerate() {
             room.positions[3 * nth..][..3].copy_from_slice(&truths[nth].0);
             room.velocities[3 * nth..][..3].copy_from_slice(&truths[nth].1);
             room.crashed[nth] = metrics.has_crashed(nth);
-            let others = || (0..frames.len()).filter(move |&other| other != nth);
+            let others = || (0..vehicles.len()).filter(move |&other| other != nth);
             let apart = others().filter(|&other| is_airborne(nth) && is_airborne(other));
             let nearest = apart.map(|other| squared_m2(&truths[nth], &truths[other])).fold(f64::INFINITY, f64::min);
             room.separations[nth] = nearest.sqrt();
@@ -93,9 +98,9 @@ impl Look<'_> {
                     let centre = agent.map(|agent| (agent.centre_ne_m(), agent.centre_velocity_ne_m_s()));
                     let (centre, velocity) = centre.unwrap_or_default();
                     let goal = ([centre.x, centre.y, -altitude_m], [velocity.x, velocity.y, 0.0]);
-                    write_own(out, &truths[nth], &goal, [frame.truth.attitude.heading_rad, radius_m]);
+                    write_own(out, &truths[nth], &goal, [truth(nth).attitude.heading_rad, radius_m]);
                     let mut end = OWN.len();
-                    if action == Action::Controls {
+                    if let Some(frame) = frames.get(nth) {
                         let (attitude, rates) = (&frame.truth.attitude, &frame.measurement.rates);
                         let five = [
                             attitude.roll_rad,
