@@ -42,7 +42,9 @@ fn wheel(python: &Path, here: &Path, folder: &Path) -> PathBuf {
         let name = name.to_string_lossy();
         ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_", "CARGO_CRATE_"].iter().any(|ours| name.starts_with(ours))
     });
-    ours.for_each(|name| drop(maturin.env_remove(name)));
+    for name in ours {
+        maturin.env_remove(name);
+    }
     maturin.args(["-m", "maturin", "build", "--offline", "--locked", "--auditwheel", "skip", "--out"]).arg(folder);
     maturin.arg("--target-dir").arg(built.parent().unwrap()).arg("--interpreter").arg(python);
     maturin.arg("--manifest-path").arg(here.join("../deploy/python/Cargo.toml"));
