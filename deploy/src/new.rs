@@ -1,4 +1,4 @@
-//! `skein new`: writes a commented start for what a user wants to make, which flies as it is written.
+//! `skein new`: writes a commented start for what a user wants to make. It can fly at once.
 
 mod discover;
 mod start;

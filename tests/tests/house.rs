@@ -251,9 +251,14 @@ fn the_core_and_the_lab_are_built_without_network() {
     let network = ["tokio", "zenoh", "rustls", "socket2", "skein-agent", "skein"];
     // The lab's terminal uses system calls; the core must not.
     let core = [&network[..], &["rustix", "libc", "skein-host"]].concat();
-    for (package, edges) in
-        [("skein-common", &core[..]), ("skein-core", &core), ("skein-host", &network), ("skein-lab", &network)]
-    {
+    let packages = [
+        ("skein-common", &core[..]),
+        ("skein-core", &core),
+        ("skein-host", &network),
+        ("skein-lab", &network),
+        ("skein-python", &network),
+    ];
+    for (package, edges) in packages {
         let parts = built_from(package);
         assert!(parts.contains(package) && parts.contains("serde"), "{parts:?}");
         let wrong: Vec<_> = edges.iter().filter(|edge| parts.contains(**edge)).collect();

@@ -266,6 +266,11 @@ impl Agent {
         self.mission.centre().0
     }
 
+    /// Velocity of the centre of its formation, north and east, m/s.
+    pub fn centre_velocity_ne_m_s(&self) -> Vector2<f64> {
+        self.mission.centre().1
+    }
+
     /// The peers in contact.
     pub fn peers_in_contact(&self) -> VehicleSet {
         self.peers.in_contact()

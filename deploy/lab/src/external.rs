@@ -9,6 +9,7 @@
 //!
 //! One set of laws serves one run at a time. It stays for the next run, which begins with a hello.
 
+mod local;
 mod trial;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,10 +27,11 @@ use skein_host::external::session::{LawInput, LawSession, LawUnresponsive, Sink}
 use skein_host::external::{ExternalError, LawTransport, port_of, vector};
 
 use crate::world::World;
+pub use local::{LawMaker, LocalLaws, LocalRun};
 use skein_host::clock::{now, sleep};
 pub use trial::Trial;
 
-/// A law that sends nothing for this long has failed, s of wall clock.
+/// A law that sends nothing for this long has failed, unless the pool has another timeout, s of wall clock.
 const LAW_TIMEOUT_S: u64 = 10;
 const LAW_TIMEOUT: Duration = Duration::from_secs(LAW_TIMEOUT_S);
 /// A law that connects or sends datagrams may start this much later than the study, s of wall clock.
@@ -62,37 +64,69 @@ pub enum LawError {
     /// The law of this vehicle ended or closed its connection.
     #[error("the law of vehicle {0} {1}")]
     Ended(VehicleId, String),
+    /// The law of this vehicle, in the process of the study, failed.
+    #[error("the law of vehicle {0}: {1}")]
+    Local(VehicleId, String),
 }
 
 /// Sets of laws that wait for their next run.
 ///
 /// All clones share the same sets. The laws receive a bye when the last clone is dropped.
 #[derive(Clone, Debug, Default)]
-pub struct LawPool(Arc<Mutex<Vec<Laws>>>);
+pub struct LawPool {
+    programs: Arc<Mutex<Vec<Programs>>>,
+    /// How long a program may send nothing, if not for [`LAW_TIMEOUT`].
+    timeout: Option<Duration>,
+    /// Makes laws in this process, instead of programs.
+    local: Option<LawMaker>,
+}
 
 impl LawPool {
+    /// Laws that run in this process, in place of the programs that the scenario names.
+    pub fn local(maker: LawMaker) -> Self {
+        Self { local: Some(maker), ..Self::default() }
+    }
+
+    /// Programs that may send nothing for this long; without a value, for ten seconds of wall clock.
+    pub fn with_timeout(timeout: Option<Duration>) -> Self {
+        Self { timeout, ..Self::default() }
+    }
+
+    /// Whether the laws run in this process.
+    pub fn is_local(&self) -> bool {
+        self.local.is_some()
+    }
+
     /// Takes laws for a run of this scenario and sends them a hello; `None` if its law is not external.
     ///
     /// # Errors
     /// A law cannot be reached or does not report that it is ready.
     pub fn take(&self, scenario: &Scenario) -> Result<Option<Laws>, LawError> {
         let Some(transport) = LawTransport::of(scenario)? else { return Ok(None) };
-        let fits = |laws: &Laws| laws.transport == transport && laws.has_asked.len() == scenario.swarm.vehicles;
+        if let Some(maker) = &self.local {
+            return LocalRun::begin(maker, scenario).map(|run| Some(Laws::Local(run)));
+        }
+        let fits = |laws: &Programs| laws.transport == transport && laws.has_asked.len() == scenario.swarm.vehicles;
         let kept = {
-            let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut pool = self.programs.lock().unwrap_or_else(PoisonError::into_inner);
             pool.iter().position(fits).map(|index| pool.swap_remove(index))
         };
         let mut laws = match kept {
             Some(laws) => laws,
-            None => Laws::start(transport, scenario.ids())?,
+            None => Programs::start(transport, scenario.ids())?,
         };
+        let timeout = self.timeout.unwrap_or(LAW_TIMEOUT);
+        laws.conversations.iter_mut().for_each(|conversation| conversation.timeout = timeout);
+        laws.timeout = timeout;
         laws.begin_run(scenario)?;
-        Ok(Some(laws))
+        Ok(Some(Laws::Programs(laws)))
     }
 
     /// Returns laws to the pool for another run.
     pub fn put_back(&self, laws: Laws) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(laws);
+        if let Laws::Programs(laws) = laws {
+            self.programs.lock().unwrap_or_else(PoisonError::into_inner).push(laws);
+        }
     }
 }
 
@@ -114,12 +148,36 @@ pub fn jobs(scenario: &Scenario, requested: Option<NonZeroUsize>) -> Result<Opti
 
 /// The laws of all vehicles of one run.
 #[derive(Debug)]
-pub struct Laws {
+pub enum Laws {
+    /// In other programs.
+    Programs(Programs),
+    /// In this process.
+    Local(LocalRun),
+}
+
+impl Laws {
+    /// Sends the queries of the world's last tick to the laws and hands their answers to its next tick.
+    ///
+    /// # Errors
+    /// A law is silent, has ended or has failed.
+    pub fn serve(&mut self, world: &mut World) -> Result<(), LawError> {
+        match self {
+            Self::Programs(laws) => laws.serve(world),
+            Self::Local(run) => run.serve(world),
+        }
+    }
+}
+
+/// Laws in other programs during one run.
+#[derive(Debug)]
+pub struct Programs {
     transport: LawTransport,
     /// One conversation for each vehicle, or a single one for all vehicles.
     conversations: Vec<Conversation>,
     listener: Option<TcpListener>,
     hellos: Vec<Hello>,
+    /// How long a law may send nothing.
+    timeout: Duration,
     /// Whether each vehicle's agent has sent a query in this run.
     has_asked: BTreeMap<VehicleId, bool>,
 }
@@ -130,6 +188,8 @@ struct Conversation {
     vehicles: Vec<VehicleId>,
     session: LawSession,
     messages: Receiver<LawInput>,
+    /// How long the law may send nothing.
+    timeout: Duration,
     /// Whether the law has sent anything in this session.
     has_answered: bool,
     /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in
@@ -139,7 +199,7 @@ struct Conversation {
     warned: [bool; Fault::KINDS],
 }
 
-impl Laws {
+impl Programs {
     fn start(transport: LawTransport, ids: impl Iterator<Item = VehicleId>) -> Result<Self, LawError> {
         let bind = |host: &str, port: u16| {
             let listener = TcpListener::bind((host, port));
@@ -153,6 +213,7 @@ impl Laws {
                 LawTransport::Command(_) | LawTransport::Udp { .. } => None,
             },
             hellos: Vec::new(),
+            timeout: LAW_TIMEOUT,
             has_asked: ids.map(|id| (id, false)).collect(),
             transport,
         };
@@ -189,7 +250,8 @@ impl Laws {
         self.hellos = scenario.ids().map(|id| Hello::new(scenario, id, Time::Virtual)).collect();
         self.has_asked.values_mut().for_each(|has_asked| *has_asked = false);
         if self.listener.is_some() && self.conversations.iter_mut().all(Conversation::has_ended) {
-            self.conversations = vec![self.accept()?];
+            let timeout = self.timeout;
+            self.conversations = vec![Conversation { timeout, ..self.accept()? }];
         }
         for conversation in &mut self.conversations {
             // Answers that are left from the last run do not belong to this one.
@@ -221,11 +283,8 @@ impl Laws {
         Ok(Conversation::new(self.has_asked.keys().copied().collect(), session, messages))
     }
 
-    /// Sends the queries of the world's last tick to the laws and hands their answers to its next tick.
-    ///
-    /// # Errors
-    /// A law is silent or has ended.
-    pub fn serve(&mut self, world: &mut World) -> Result<(), LawError> {
+    /// As [`Laws::serve`].
+    fn serve(&mut self, world: &mut World) -> Result<(), LawError> {
         let asks = world.take_asks();
         for ask in asks.iter().filter(|ask| ask.tick == 0) {
             // A restarted agent needs a restarted law.
@@ -255,7 +314,7 @@ impl Laws {
     }
 }
 
-impl Drop for Laws {
+impl Drop for Programs {
     /// Sends bye to all laws first, so that they end at the same time.
     fn drop(&mut self) {
         self.conversations.iter_mut().for_each(|conversation| conversation.session.send_bye());
@@ -274,6 +333,7 @@ impl Conversation {
             vehicles,
             session,
             messages,
+            timeout: LAW_TIMEOUT,
             has_answered: false,
             closed: BTreeSet::new(),
             warned: [false; Fault::KINDS],
@@ -386,7 +446,7 @@ impl Conversation {
         let (limit, for_s) = if self.session.uses_vectors() && !self.has_answered {
             (CONNECT_TIMEOUT, CONNECT_TIMEOUT_S)
         } else {
-            (LAW_TIMEOUT, LAW_TIMEOUT_S)
+            (self.timeout, self.timeout.as_secs())
         };
         let left = (since + limit).saturating_duration_since(now());
         if left.is_zero() {

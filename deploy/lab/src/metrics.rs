@@ -287,6 +287,11 @@ impl Metrics {
         self.totals = totals;
     }
 
+    /// Whether the vehicle at this place in the order of ids has crashed so far.
+    pub fn has_crashed(&self, nth: usize) -> bool {
+        self.crashes.has_crashed(nth)
+    }
+
     /// Time of the last observation, from the start of the window, s.
     pub fn t_s(&self) -> f64 {
         self.t_s

@@ -3,10 +3,12 @@
 //! The same agents as in real time, stepped in one thread over a simulated network. Seeds run in parallel and side by
 //! side; what comes out does not depend on how many at once.
 
+mod batch;
 mod command;
 mod fleet;
 mod flight;
 pub mod plan;
+mod planned;
 mod progress;
 mod recorded;
 mod summary;
@@ -16,6 +18,8 @@ mod verdict;
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use skein_common::id::VehicleSet;
 use skein_common::scenario::{Scenario, Target};
@@ -27,9 +31,11 @@ use crate::external::{LawError, LawPool};
 use crate::metrics::{Metrics, Report, VehicleNow};
 use crate::recording::Watch;
 use crate::world::{World, WorldError};
+pub use batch::{Batch, Pilot, Replaced};
 pub use command::{StudyArgs, run};
 pub use fleet::{FleetRecording, FleetStudy};
 use flight::{SeedFlight, fly_side_by_side};
+pub use planned::{Progress, fly_planned};
 pub use recorded::{RecordRunError, record_run};
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;
@@ -52,6 +58,25 @@ pub enum StudyError {
     /// Some vehicles did not become active.
     #[error("not all vehicles are active after {JOIN_LIMIT_S} s")]
     NeverActive,
+    /// The study was stopped before this run was over.
+    #[error("stopped")]
+    Stopped,
+}
+
+/// Stops a study from another thread. All clones are one switch.
+#[derive(Clone, Debug, Default)]
+pub struct Stop(Arc<AtomicBool>);
+
+impl Stop {
+    /// Stops the study: no further run begins, and those that fly fail with [`StudyError::Stopped`].
+    pub fn set(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the study is to stop.
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
 }
 
 /// What every seed of a study shares.

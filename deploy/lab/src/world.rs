@@ -35,7 +35,7 @@ use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
 use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState, SharedRecords};
-use skein_core::plant::{Command, Controls, GroundTruth};
+use skein_core::plant::{Command, Controls, Frame, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
 use skein_core::strangers::StrangerState;
 use skein_host::parallel::at_once;
@@ -200,6 +200,9 @@ impl World {
             intents.extend(outbox.intent.map(|intent| through_wire(&*intent)));
             events.add(id, outbox.happened);
         });
+        for vehicle in vehicles.iter_mut().filter(|vehicle| vehicle.pilot.is_some()) {
+            vehicle.command = vehicle.pilot.map(Command::Controls);
+        }
         self.arriving.clear();
         self.strangers.clear();
         self.ticks += 1;
@@ -249,6 +252,18 @@ impl World {
         if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == answer.vehicle) {
             vehicle.answer = Some(answer);
         }
+    }
+
+    /// From now on flies a helicopter by these controls, whatever its agent commands; by its agent again with `None`.
+    pub fn set_controls(&mut self, id: VehicleId, controls: Option<Controls>) {
+        if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id) {
+            vehicle.pilot = controls;
+        }
+    }
+
+    /// Every vehicle: its agent if one runs, and the plant's frame that the next tick begins with.
+    pub fn frames(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, Frame)> {
+        self.vehicles.iter().map(|vehicle| (vehicle.id, vehicle.agent(), vehicle.plant.frame()))
     }
 
     /// Number of vehicles.

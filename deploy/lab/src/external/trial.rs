@@ -6,14 +6,14 @@ use skein_common::scenario::Scenario;
 use skein_host::external::protocol::Time;
 use skein_host::external::{ExternalError, LawTransport, port_of};
 
-use super::{LawError, Laws};
+use super::{LawError, Programs};
 
 /// Checks whether external laws can be reached.
 ///
 /// A law given as a command is started for the first vehicle only, as a sample of all. A law that connects or sends
 /// datagrams may start later than the flight: the trial only binds its ports for a moment.
 #[derive(Debug, Default)]
-pub struct Trial(Option<Laws>);
+pub struct Trial(Option<Programs>);
 
 impl Trial {
     /// Checks that this scenario's law can be reached, in virtual or real time.
@@ -30,7 +30,7 @@ impl Trial {
             LawTransport::Command(_) => {
                 let mut laws = match last.filter(|last| last.transport == transport) {
                     Some(laws) => laws,
-                    None => Laws::start(transport, scenario.ids().take(1))?,
+                    None => Programs::start(transport, scenario.ids().take(1))?,
                 };
                 laws.begin_run(scenario)?;
                 self.0 = Some(laws);

@@ -41,6 +41,11 @@ impl Crashes {
         }
     }
 
+    /// Whether the vehicle at this place has crashed.
+    pub(super) fn has_crashed(&self, nth: usize) -> bool {
+        self.0.get(nth).is_some_and(|flight| flight.has_crashed)
+    }
+
     /// Vehicles that have crashed, each once.
     pub(super) fn count(&self) -> u64 {
         self.0.iter().filter(|flight| flight.has_crashed).count() as u64

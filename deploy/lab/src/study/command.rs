@@ -3,20 +3,17 @@
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::PathBuf;
-use std::thread;
+use std::time::Duration;
 
-use super::flight::fly_side_by_side;
-use super::plan::{Plan, write};
-use super::progress::Progress;
-use super::recorded::record;
+use super::plan::Plan;
+use super::planned::fly_planned;
+use super::progress::Shown;
 use super::sweep::Sweep;
 use super::{summary, table, verdict};
 use crate::error::Error;
 use crate::metrics::Measured;
 use crate::scenario::{ScenarioArgs, quoted};
-use crate::terminal::json;
 use crate::terminal::{say, what_next};
-use skein_host::parallel::in_parallel;
 
 /// `skein study`
 #[derive(Clone, Debug, clap::Args)]
@@ -47,6 +44,10 @@ pub struct StudyArgs {
     /// Threads that step each run: for one run of many vehicles. The results do not depend on it
     #[arg(long, value_name = "N", default_value_t = NonZeroUsize::MIN)]
     pub threads: NonZeroUsize,
+    /// How long an external law may send nothing, seconds of wall clock, or none: a law with a breakpoint does not end the
+    /// study. Without it 10
+    #[arg(long, value_name = "S|none", value_parser = law_timeout)]
+    pub law_timeout: Option<Duration>,
     /// Folder for the results, new or empty, or that of the very same study, interrupted: the study resumes there.
     /// Without it a new one in skein-runs
     #[arg(long, value_name = "DIR")]
@@ -68,6 +69,13 @@ fn seeds(text: &str) -> Result<Range<u64>, String> {
     range.filter(|range| !range.is_empty()).ok_or_else(|| "two numbers A..B with A below B".to_owned())
 }
 
+/// Seconds, or `none` for a time that no study reaches.
+fn law_timeout(text: &str) -> Result<Duration, String> {
+    const YEAR_S: f64 = 3.2e7;
+    let seconds = if text == "none" { Some(YEAR_S) } else { text.parse().ok().filter(|s| (1.0..=YEAR_S).contains(s)) };
+    seconds.map(Duration::from_secs_f64).ok_or_else(|| "seconds, at least 1, or none".to_owned())
+}
+
 /// At least one.
 fn samples(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|&n| n > 0).ok_or_else(|| "a number of points, at least 1".to_owned())
@@ -79,40 +87,25 @@ fn samples(text: &str) -> Result<usize, String> {
 /// What stands against the study: nothing was flown then. Or a run that failed; those that were done are written.
 pub fn run(args: &StudyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
-    let cores = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    let jobs = plan.jobs.unwrap_or(NonZeroUsize::new(cores.get() / args.threads).unwrap_or(NonZeroUsize::MIN));
-    let runs = fly(&plan, jobs, !args.no_record)?;
-    if !args.no_record && !plan.is_fleet {
-        record(&plan, &runs, jobs)?;
-    }
-
-    write(&plan.out.join("runs.csv"), &summary::csv(&plan.points, &runs))?;
+    let runs = fly_planned(&plan, !args.no_record, &Shown::default())?;
     let which = if args.all { table::Which::All } else { table::Which::Headline };
-    let (text, output) = match args.sweep.is_empty() {
-        true => {
-            let summary = summary(&runs);
-            let output = match runs.as_slice() {
-                [run] => table::of_run(run, which),
-                _ => table::of_figures(&summary, which),
-            };
-            (json(&summary), output)
-        }
-        false => {
-            let summaries = summary::by_point(&plan.points, &runs);
+    let output = match (args.sweep.is_empty(), runs.as_slice()) {
+        (true, [run]) => table::of_run(run, which),
+        (true, runs) => table::of_figures(&summary(runs), which),
+        (false, runs) => {
+            let summaries = summary::by_point(&plan.points, runs);
             let mut output = table::of_points(&plan.points, &summaries);
             for (point, summary) in plan.points.iter().zip(&summaries).filter(|_| args.all) {
                 output +=
                     &format!("\npoint {}: {point}\n{}", summary.point, table::of_figures(&summary.figures, which));
             }
-            (json(&summaries), output)
+            output
         }
     };
-    // The last of all: the study is finished when it is there.
-    write(&plan.out.join("summary.json"), &text)?;
     match runs.as_slice() {
         _ if !args.json => say(&format!("{}\n{output}", verdict::verdict(&args.scenario, &plan.points, &runs))),
         [_] if args.sweep.is_empty() => say(&plan.run(0).text()?),
-        _ => say(&text),
+        _ => say(&plan.summary()?),
     }
     let out = plan.out.display().to_string();
     eprintln!("written to {out}");
@@ -138,35 +131,18 @@ fn next(out: &str, args: &StudyArgs, runs: &[Measured]) -> String {
     what_next(&lines)
 }
 
-/// All runs in their order; those that were there already are only read.
-fn fly(plan: &Plan, jobs: NonZeroUsize, is_recorded: bool) -> Result<Vec<Measured>, Error> {
-    let mut there: Vec<Option<Measured>> = (0..plan.runs()).map(|nth| plan.run(nth).measured()).collect();
-    let left: Vec<usize> = (0..there.len()).filter(|&nth| there[nth].is_none()).collect();
-    if left.len() < there.len() {
-        eprintln!("{} of {} runs are there already", there.len() - left.len(), there.len());
-    }
-    let progress = Progress::new(there.len(), there.len() - left.len());
-    if plan.is_fleet {
-        let flown = in_parallel(left.len(), jobs, |nth| {
-            plan.run(left[nth]).fly_fleet(is_recorded).inspect(|_| progress.inc())
-        })?;
-        left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
-        return Ok(there.into_iter().flatten().collect());
-    }
-    let begin = |nth: usize| {
-        let run = plan.run(left[nth]);
-        run.begin().map(|(files, flight)| ((run, files), flight))
-    };
-    let flown = fly_side_by_side(left.len(), jobs, begin, |(run, files), report| {
-        run.end(&files, report).inspect(|_| progress.inc())
-    })?;
-    left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
-    Ok(there.into_iter().flatten().collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_law_timeout_is_a_number_of_seconds_or_none() {
+        assert_eq!(law_timeout("2.5"), Ok(Duration::from_millis(2500)));
+        assert!(law_timeout("none").unwrap() > Duration::from_secs(30_000_000));
+        for bad in ["0", "-1", "nan", "inf", "never"] {
+            assert!(law_timeout(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn seeds_are_half_open() {

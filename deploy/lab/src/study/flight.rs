@@ -10,7 +10,7 @@ use skein_core::helicopter::TICK_S;
 use skein_host::clock::now;
 use skein_host::parallel::{Tasks, in_parallel_by};
 
-use super::{JOIN_LIMIT_S, Study, StudyError, longest_s, measure};
+use super::{JOIN_LIMIT_S, Stop, Study, StudyError, longest_s, measure};
 use crate::external::{LawPool, Laws};
 use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
 use crate::recording::Watch;
@@ -34,6 +34,10 @@ pub(super) struct SeedFlight {
     /// Ticks of the window so far, and at most.
     ticks: u64,
     most_ticks: u64,
+    /// Whether the end of the mission ends the flight.
+    ends_with_mission: bool,
+    /// Ends the flight when it is set.
+    stop: Stop,
     /// Why the flight has failed.
     failed: Option<StudyError>,
     /// Wall-clock time spent on this flight, s.
@@ -46,18 +50,26 @@ impl SeedFlight {
     /// # Errors
     /// If the scenario cannot be flown, or an external law is gone.
     pub(super) fn new(study: &Study, seed: u64) -> Result<Self, StudyError> {
+        let laws = study.laws.take(&Scenario { seed, ..study.scenario.clone() })?;
+        Self::with_laws(study, seed, laws)
+    }
+
+    /// As [`Self::new`], with these external laws; without any, the caller answers the agents' queries.
+    pub(super) fn with_laws(study: &Study, seed: u64, laws: Option<Laws>) -> Result<Self, StudyError> {
         let started = now();
         let scenario = Scenario { seed, ..study.scenario.clone() };
         let world = World::new(&scenario, &study.aircraft, &study.rules)?;
         Ok(Self {
             world,
-            laws: study.laws.take(&scenario)?,
+            laws,
             pool: study.laws.clone(),
             metrics: Metrics::new(&scenario, Run::new(&scenario, "study")),
             vehicles: Vec::with_capacity(scenario.swarm.vehicles),
             zero_s: None,
             ticks: 0,
             most_ticks: (longest_s(&scenario) / TICK_S).round() as u64,
+            ends_with_mission: true,
+            stop: Stop::default(),
             failed: None,
             wall_s: now().duration_since(started).as_secs_f64(),
         })
@@ -69,10 +81,22 @@ impl SeedFlight {
         self
     }
 
-    /// Whether no other flight may be stepped together with this one: one with external laws waits for them and would
+    /// The same flight, which fails when this is set.
+    pub(super) fn until(mut self, stop: Stop) -> Self {
+        self.stop = stop;
+        self
+    }
+
+    /// The same flight, which only the end of its window ends.
+    pub(super) fn for_the_whole_window(mut self) -> Self {
+        self.ends_with_mission = false;
+        self
+    }
+
+    /// Whether no other flight may be stepped together with this one: one with laws in other programs waits for them and would
     /// keep the others waiting, and one in several threads has its blocks filled by each.
     fn is_alone(&self) -> bool {
-        self.laws.is_some() || self.world.threads() > NonZeroUsize::MIN
+        matches!(self.laws, Some(Laws::Programs(_))) || self.world.threads() > NonZeroUsize::MIN
     }
 
     /// Flies to the end by itself.
@@ -89,8 +113,36 @@ impl SeedFlight {
         self.report()
     }
 
+    /// The swarm.
+    pub(super) fn world(&mut self) -> &mut World {
+        &mut self.world
+    }
+
+    /// The swarm and what is measured of it so far.
+    pub(super) fn world_and_metrics(&self) -> (&World, &Metrics) {
+        (&self.world, &self.metrics)
+    }
+
+    /// Whether all vehicles have joined: the window of the figures has begun.
+    pub(super) fn has_begun(&self) -> bool {
+        self.zero_s.is_some()
+    }
+
+    /// Whether the mission has come to its end, and not only the window.
+    pub(super) fn has_finished(&self) -> bool {
+        self.ends_with_mission && self.ticks > 0 && self.world.has_finished()
+    }
+
+    /// Why the flight has failed.
+    pub(super) fn failure(&self) -> Option<&StudyError> {
+        self.failed.as_ref()
+    }
+
     /// Whether no tick follows. To be asked before each.
-    fn is_over(&mut self) -> bool {
+    pub(super) fn is_over(&mut self) -> bool {
+        if self.stop.is_set() {
+            self.failed = Some(StudyError::Stopped);
+        }
         if self.zero_s.is_none() && self.failed.is_none() {
             if self.world.all_active() {
                 self.zero_s = Some(self.world.t_s());
@@ -98,12 +150,12 @@ impl SeedFlight {
                 self.failed = Some(StudyError::NeverActive);
             }
         }
-        let has_finished = || self.ticks == self.most_ticks || (self.ticks > 0 && self.world.has_finished());
-        self.failed.is_some() || (self.zero_s.is_some() && has_finished())
+        let is_at_the_end = || self.ticks == self.most_ticks || self.has_finished();
+        self.failed.is_some() || (self.zero_s.is_some() && is_at_the_end())
     }
 
     /// Serves the laws and measures, after the world's tick.
-    fn end_tick(&mut self, watched: &mut Watched<'_>) {
+    pub(super) fn end_tick(&mut self, watched: &mut Watched<'_>) {
         self.failed = self.laws.as_mut().and_then(|laws| laws.serve(&mut self.world).err()).map(Into::into);
         let Some(zero_s) = self.zero_s.filter(|_| self.failed.is_none()) else { return };
         measure(&self.world, zero_s, &mut self.metrics, &mut self.vehicles);
@@ -115,7 +167,7 @@ impl SeedFlight {
     }
 
     /// What was measured. Laws of a flight that failed are not kept.
-    fn report(mut self) -> Result<Report, StudyError> {
+    pub(super) fn report(mut self) -> Result<Report, StudyError> {
         if let Some(error) = self.failed {
             return Err(error);
         }
@@ -264,6 +316,15 @@ mod tests {
                 assert_eq!(flown(threads), one, "{threads} threads, {sets:?}");
             }
         }
+    }
+
+    #[test]
+    fn a_flight_ends_when_it_is_stopped() {
+        let stop = Stop::default();
+        let mut flight = SeedFlight::new(&study(&[]), 1).unwrap().until(stop.clone());
+        assert!(!flight.is_over());
+        stop.set();
+        assert!(matches!(flight.fly(None), Err(StudyError::Stopped)));
     }
 
     #[test]

@@ -31,7 +31,7 @@ use skein_host::external::protocol::Time;
 
 use super::flight::SeedFlight;
 use super::sweep::{self, Point, Sweep};
-use super::{FleetRecording, FleetStudy, Study, StudyArgs, StudyError};
+use super::{FleetRecording, FleetStudy, Stop, Study, StudyArgs, StudyError};
 use crate::error::Error;
 use crate::external::{self, LawPool, Trial};
 use crate::metrics::{Measured, Report, TRAFFIC_FILE, traffic_csv};
@@ -41,6 +41,17 @@ use crate::scenario::{Ready, ScenarioArgs};
 
 /// A study has at most this many runs: more would take too long.
 const MOST_RUNS: usize = 10_000_000;
+
+/// What a program that flies studies puts in.
+#[derive(Clone, Debug)]
+pub struct Host {
+    /// The file of the program: only the same program resumes a study.
+    pub program: PathBuf,
+    /// Where external laws wait for their next run.
+    pub laws: LawPool,
+    /// Stops the study.
+    pub stop: Stop,
+}
 
 /// A study before it flies.
 #[derive(Clone, Debug)]
@@ -59,8 +70,7 @@ pub struct Plan {
     is_swept: bool,
     /// Whether the scenario is a fleet of teams.
     pub is_fleet: bool,
-    /// Where external laws wait for their next run.
-    laws: LawPool,
+    host: Host,
 }
 
 impl Plan {
@@ -69,6 +79,15 @@ impl Plan {
     /// # Errors
     /// What stands against it; of a sweep, at which point.
     pub fn new(args: &StudyArgs) -> Result<Self, Error> {
+        let program = env::current_exe().map_err(|error| Error::Failed(format!("the program itself: {error}")))?;
+        Self::of(args, Host { program, laws: LawPool::with_timeout(args.law_timeout), stop: Stop::default() })
+    }
+
+    /// As [`Self::new`], flown by this program.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of(args: &StudyArgs, host: Host) -> Result<Self, Error> {
         let described = args.scenario.read_any(Vec::new())?;
         let (name, seed) = (&described.first().scenario.name, described.seed());
         let own = args.seed.unwrap_or(seed);
@@ -82,7 +101,7 @@ impl Plan {
             threads: args.threads,
             is_swept: !args.sweep.is_empty(),
             is_fleet: matches!(described, Described::Fleet(_)),
-            laws: LawPool::default(),
+            host,
         };
         let seeds = usize::try_from(plan.seeds.end - plan.seeds.start).ok();
         if seeds.and_then(|seeds| seeds.checked_mul(plan.points.len())).is_none_or(|runs| runs > MOST_RUNS) {
@@ -93,6 +112,25 @@ impl Plan {
         plan.out = plan.folder_for(&study, args.out.as_deref(), name)?;
         write(&plan.out.join("study.json"), &crate::terminal::json(&study))?;
         Ok(plan)
+    }
+
+    /// Threads that step each run.
+    pub(super) fn threads(&self) -> NonZeroUsize {
+        self.threads
+    }
+
+    /// Whether it has the points of a sweep.
+    pub(super) fn is_swept(&self) -> bool {
+        self.is_swept
+    }
+
+    /// Its `summary.json`.
+    ///
+    /// # Errors
+    /// If not all runs have been flown.
+    pub fn summary(&self) -> Result<String, Error> {
+        let path = self.out.join("summary.json");
+        fs::read_to_string(&path).map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
     }
 
     /// How many runs it has: all seeds of the first point, then those of the next.
@@ -124,6 +162,10 @@ impl Plan {
                 self.check_team(&scenario).map_err(|error| first.at_point(error))?;
                 let ready = match like_before.take() {
                     Some((before, ready)) if differ_only_in_place(&before, &scenario) => ready,
+                    // A law in this process needs no trial.
+                    _ if self.host.laws.is_local() => {
+                        self.scenario.ready(&scenario).map_err(|error| first.at_point(error))?
+                    }
                     _ => prepare(&self.scenario, &scenario, Time::Virtual, &mut trial)
                         .map_err(|error| first.at_point(error))?,
                 };
@@ -166,9 +208,8 @@ impl Plan {
     }
 
     fn describe(&self, name: &str, sweeps: &[Sweep], fingerprint: u64) -> Result<Value, Error> {
-        let own = env::current_exe().map_err(|error| Error::Failed(format!("the program itself: {error}")))?;
         let mut program = DefaultHasher::new();
-        hash_file(&own, &mut program)?;
+        hash_file(&self.host.program, &mut program)?;
         Ok(json!({
             "scenario": name,
             "version": crate::VERSION,
@@ -185,7 +226,10 @@ impl Plan {
 
     /// A new folder, or that of this very study if it has not come to its end.
     fn folder_for(&self, study: &Value, out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
-        let begun = out.and_then(|out| Some((out, fs::read_to_string(out.join("study.json")).ok()?)));
+        // Whether a law in this process is still the same cannot be checked.
+        let begun = out
+            .filter(|_| !self.host.laws.is_local())
+            .and_then(|out| Some((out, fs::read_to_string(out.join("study.json")).ok()?)));
         let Some((out, begun)) = begun else { return out::folder(out, &format!("{name}-study")) };
         let refused =
             |why: String| Err(Error::Refused(format!("--out {}: {why}; choose another folder", out.display())));
@@ -370,7 +414,8 @@ impl PlannedRun<'_> {
     pub(super) fn begin(&self) -> Result<(RunFiles, SeedFlight), Error> {
         let (study, scenario, aircraft) = self.ready()?;
         let flight = SeedFlight::new(&study, self.seed).map_err(|error| self.failed(&error))?;
-        Ok((RunFiles { scenario, aircraft }, flight.in_threads(self.plan.threads)))
+        let flight = flight.in_threads(self.plan.threads).until(self.plan.host.stop.clone());
+        Ok((RunFiles { scenario, aircraft }, flight))
     }
 
     /// Writes its files, its flight being over.
@@ -400,7 +445,7 @@ impl PlannedRun<'_> {
         let Described::Swarm(loaded) = self.read()? else { return Err(self.changed()) };
         let Ready { aircraft, rules, aircraft_files, .. } = self.plan.scenario.ready(&loaded.scenario)?;
         let text = loaded.to_toml();
-        let laws = self.plan.laws.clone();
+        let laws = self.plan.host.laws.clone();
         Ok((Study { scenario: loaded.scenario, aircraft, rules, laws }, text, aircraft_files))
     }
 

@@ -1,25 +1,29 @@
 //! How far a study is: a bar on a terminal, a line now and then elsewhere.
 
 use std::io::IsTerminal;
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::planned::Progress;
 use skein_host::clock::now;
 
 /// Between two lines.
 const LINE: Duration = Duration::from_secs(10);
 
-/// Shown on stderr until it is dropped.
+/// Shows on stderr how far a study is, until it is dropped.
+#[derive(Debug, Default)]
+pub(super) struct Shown(OnceLock<Display>);
+
 #[derive(Debug)]
-pub(super) enum Progress {
+enum Display {
     Bar(ProgressBar),
     Lines(Mutex<Lines>),
 }
 
 #[derive(Debug)]
-pub(super) struct Lines {
+struct Lines {
     runs: usize,
     done: usize,
     /// Since this start.
@@ -28,9 +32,28 @@ pub(super) struct Lines {
     last: Instant,
 }
 
-impl Progress {
-    /// `done` of `runs` were there already.
-    pub(super) fn new(runs: usize, done: usize) -> Self {
+impl Progress for Shown {
+    fn begin(&self, runs: usize, done: usize) {
+        if done > 0 {
+            eprintln!("{done} of {runs} runs are there already");
+        }
+        self.0.get_or_init(|| Display::new(runs, done));
+    }
+
+    fn inc(&self) {
+        match self.0.get() {
+            Some(Display::Bar(bar)) => bar.inc(1),
+            Some(Display::Lines(lines)) => {
+                let line = lines.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).inc(now());
+                line.into_iter().for_each(|line| eprintln!("{line}"));
+            }
+            None => {}
+        }
+    }
+}
+
+impl Display {
+    fn new(runs: usize, done: usize) -> Self {
         if !std::io::stderr().is_terminal() {
             let begun = now();
             return Self::Lines(Mutex::new(Lines { runs, done, begun, done_before: done, last: begun }));
@@ -42,22 +65,11 @@ impl Progress {
         bar.reset_eta();
         Self::Bar(bar)
     }
-
-    /// One more run is done.
-    pub(super) fn inc(&self) {
-        match self {
-            Self::Bar(bar) => bar.inc(1),
-            Self::Lines(lines) => {
-                let line = lines.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).inc(now());
-                line.into_iter().for_each(|line| eprintln!("{line}"));
-            }
-        }
-    }
 }
 
-impl Drop for Progress {
+impl Drop for Shown {
     fn drop(&mut self) {
-        if let Self::Bar(bar) = self {
+        if let Some(Display::Bar(bar)) = self.0.get() {
             bar.finish_and_clear();
         }
     }

@@ -15,7 +15,7 @@ use skein_core::formation::{UnsupportedScenario, Workspace};
 use skein_core::helicopter::Script;
 use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, Received};
-use skein_core::plant::{Command, Frame, GroundTruth, Measurement};
+use skein_core::plant::{Command, Controls, Frame, GroundTruth, Measurement};
 use skein_core::station::{Clocks, InPlace, Station};
 use skein_core::strangers::StrangerState;
 
@@ -61,6 +61,8 @@ pub(super) struct Vehicle {
     /// Plant time of the last frame.
     pub(super) plant_time: PlantTime,
     pub(super) command: Option<Command>,
+    /// Controls that replace the agent's command.
+    pub(super) pilot: Option<Controls>,
     /// Whether the simulator stands still in this frame.
     pub(super) simulator_frozen: bool,
 }
@@ -90,6 +92,7 @@ impl Vehicle {
             heartbeat: None,
             plant_time: PlantTime::ZERO,
             command: None,
+            pilot: None,
             simulator_frozen: false,
         };
         vehicle.clocks.jump(script::clock_begins_s(scenario, id));

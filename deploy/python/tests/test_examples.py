@@ -1,0 +1,50 @@
+"""The shipped examples: the notebook, and the law that is learned."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import skein
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+sys.path.insert(0, str(EXAMPLES))
+
+
+def test_the_notebook_runs_from_sweep_to_figure(tmp_path):
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(EXAMPLES / "sweep.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": tmp_path}}).execute()
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    pictures = [output for output in outputs if "image/png" in output.get("data", {})]
+    assert len(pictures) == 2
+    worse = next(cell for cell in notebook.cells if "judged.loc" in cell.source).outputs[0]["data"]["text/plain"]
+    assert "peer_age_p99_ms" in worse
+
+
+def test_a_law_learns_and_flies_in_a_study_as_in_training(same_bits):
+    import learn_ring
+
+    scores = []
+    weights = learn_ring.learn(
+        generations=3, candidates=16, seeds=1, duration_s=40, report=lambda line: scores.append(float(line.split()[-3]))
+    )
+    assert scores[-1] > scores[0], f"the mean reward of the candidates rises: {scores}"
+    env = skein.Env("hover", worlds=2, neighbours=learn_ring.NEIGHBOURS, duration_s=40, ends_on_crash=False)
+    observed, _ = env.reset(seed=0)
+    truncated = np.zeros(2, dtype=bool)
+    while not truncated.all():
+        observed, _, _, truncated, _ = env.step(learn_ring.velocity(weights, observed))
+    parameters = {"weights": weights.ravel().tolist()}
+    study = skein.study("hover", seeds=2, set={"duration_s": 40}, law=learn_ring.Learned, parameters=parameters)
+    same_bits(env.figures(), study.runs)
+
+
+def test_the_bench_prints_a_ratio(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["bench_env.py", "--worlds", "2", "--duration", "2", "--repeat", "1"])
+    runpy.run_path(str(EXAMPLES / "bench_env.py"), run_name="__main__")
+    assert float(capsys.readouterr().out.split()[-1]) > 0
