@@ -33,7 +33,6 @@ use skein_common::id::{SwarmName, VehicleId, VehicleName};
 use skein_common::message::{Drops, Event, Heartbeat, Intent, Message, Order, Reason, Refused, State, Trace};
 use skein_common::topic::{Author, Branch, Cell, Topic, all};
 use zenoh::bytes::ZBytes;
-use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
@@ -361,36 +360,12 @@ struct PublisherThread {
     receiver: Arc<LinkReceiver>,
     sessions: Vec<Arc<Session>>,
     own: VehicleId,
-    state_key: Option<StateKey>,
+    state_key: Option<(Cell, String)>,
     cells: SubscribedCells,
     mission: MessagePublisher<Heartbeat>,
     last_heartbeat: LastHeartbeat,
     event: MessagePublisher<Event>,
     trace: MessagePublisher<Trace>,
-}
-
-/// The key of the own states in one cell, as declared in each session: then a message carries a number in its place, and a
-/// peer finds the subscribers of the key once, not for each message.
-struct StateKey {
-    cell: Cell,
-    key: String,
-    declared: Vec<KeyExpr<'static>>,
-}
-
-impl StateKey {
-    /// `None` if a session is closed.
-    fn declare(sessions: &[Arc<Session>], cell: Cell, key: String) -> Option<Self> {
-        let declare = |session: &Arc<Session>| session.declare_keyexpr(key.clone()).wait().ok();
-        let declared = sessions.iter().map(declare).collect::<Option<_>>()?;
-        Some(Self { cell, key, declared })
-    }
-
-    fn undeclare(self, sessions: &[Arc<Session>]) {
-        for (session, key) in sessions.iter().zip(self.declared) {
-            // It fails only on a closed session, which has forgotten its keys.
-            let _ = session.undeclare(key).wait();
-        }
-    }
 }
 
 impl PublisherThread {
@@ -426,19 +401,17 @@ impl PublisherThread {
     }
 
     fn send_state(&mut self, state: &State, cell: Cell) {
-        if self.state_key.as_ref().is_none_or(|key| key.cell != cell) {
-            self.state_key.take().into_iter().for_each(|key| key.undeclare(&self.sessions));
-            let key = self.receiver.branch.key(&Topic::State(self.own, cell));
-            self.state_key = StateKey::declare(&self.sessions, cell, key);
-        }
-        let Some(StateKey { key, declared, .. }) = &self.state_key else { return };
+        let key = match &mut self.state_key {
+            Some((of, key)) if *of == cell => key,
+            key => &mut key.insert((cell, self.receiver.branch.key(&Topic::State(self.own, cell)))).1,
+        };
         let bytes = self.receiver.write(key, state);
         self.receiver.traffic.sent(bytes.len());
         let bytes = ZBytes::from(bytes);
-        for (session, key) in self.sessions.iter().zip(declared) {
-            // As in `MessagePublisher`: it fails only on a closed session.
+        for session in &self.sessions {
+            // As in `MessagePublisher`: it fails only on a closed session. Cells change, so no publisher is declared.
             let _ = session
-                .put(key, bytes.clone())
+                .put(key.as_str(), bytes.clone())
                 .congestion_control(CongestionControl::Drop)
                 .priority(Priority::RealTime)
                 .express(true)
