@@ -321,7 +321,7 @@ mod tests {
     #[test]
     fn a_flight_ends_when_it_is_stopped() {
         let stop = Stop::default();
-        let mut flight = SeedFlight::new(&study(&[]), 1).unwrap().until(stop.clone());
+        let mut flight = SeedFlight::new(&study(&["swarm.vehicles=2"]), 1).unwrap().until(stop.clone());
         assert!(!flight.is_over());
         stop.set();
         assert!(matches!(flight.fly(None), Err(StudyError::Stopped)));
