@@ -234,7 +234,6 @@ mod tests {
             "skein record --repair a.mcap --merge b.mcap --out c.mcap",
             "skein record --swarm lab --merge a.mcap --out b.mcap",
             "skein report",
-            "skein report --capacity here",
             "skein report here --json",
         ] {
             assert_eq!(parse(line).unwrap_err().exit_code(), 2, "{line}");
@@ -252,6 +251,9 @@ mod tests {
             parse("skein record --swarm lab --out a.mcap").is_ok() && parse("skein record --repair a.mcap").is_ok()
         );
         assert!(parse("skein record --merge a.mcap b.mcap --out c.mcap").is_ok());
-        assert!(parse("skein report --capacity --json --out x").is_ok());
+        assert!(
+            parse("skein report --capacity --json --out x").is_ok()
+                && parse("skein report --capacity my-fleet").is_ok()
+        );
     }
 }
