@@ -216,8 +216,6 @@ impl Team {
             let faults = self.world.faults().iter().cloned().map(NotedKind::Fault);
             noted.extend(faults.chain(events).map(|what| (t_s, what)));
         }
-        // As in a flight of one swarm, the team's figures end with its mission.
-        self.is_over |= self.metrics.t_s() > 0.0 && self.world.has_finished();
         if self.is_over {
             return;
         }
@@ -227,6 +225,8 @@ impl Team {
             recorder.ticks += 1;
         }
         measure(&self.world, zero_s, &mut self.metrics, &mut self.vehicles);
+        // As in a flight of one swarm, the team's figures end with the frame in which its mission does.
+        self.is_over = self.world.has_finished();
     }
 
     /// Looks up the cells of the vehicles, by their agents' own estimates; without an estimate a vehicle is where it is.
