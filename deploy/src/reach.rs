@@ -139,7 +139,7 @@ impl SwarmArgs {
     ///
     /// # Errors
     /// If the swarm is not found, or several fly here and none is chosen, or the cluster file or its keys are wrong, or
-    /// there is no such team.
+    /// the fleet has no team of this number.
     pub fn reach_teams(&self, role: Role, teams: &[TeamId]) -> Result<Vec<Reach>, Error> {
         let mut reaches = match (&self.swarm, &self.file) {
             (Some(_), Some(_)) => {

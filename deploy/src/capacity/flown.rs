@@ -27,7 +27,7 @@ pub struct OverVehicles {
 }
 
 impl OverVehicles {
-    /// The figure of these values; `None` if a vehicle has no value, or there is no vehicle.
+    /// The figure of the vehicles' values; `None` without vehicles, or if a value is missing.
     fn of(values: impl Iterator<Item = Option<f64>>) -> Option<Self> {
         let values: Vec<f64> = values.collect::<Option<_>>()?;
         let most = values.iter().copied().reduce(f64::max)?;

@@ -97,8 +97,8 @@ impl NearList {
         self.near
     }
 
-    /// Peers whose states need not be looked at, because none of them can be so near by now that it has to be listed. When
-    /// that is no longer sure, the list is discarded.
+    /// The peers that are still too far away to be listed, whatever their newest states. Discards the list once one of them
+    /// may have come near enough.
     ///
     /// A state is at most the travelled length from the last one before the list, and is carried forward at most over the
     /// time since then and its delay.

@@ -144,7 +144,7 @@ pub enum Fault {
     /// The team receives no state of the other teams of its fleet, in virtual time. The time counts from the team's first
     /// take-off.
     Isolate {
-        /// Whether the other teams receive none of it, either.
+        /// Whether the other teams receive nothing from this team either.
         both_ways: bool,
     },
 }

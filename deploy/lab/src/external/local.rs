@@ -23,7 +23,7 @@ pub trait LocalLaws: fmt::Debug + Send {
     /// Answers a query.
     ///
     /// # Errors
-    /// A sentence with the reason why there is no answer. It ends the run.
+    /// A sentence with the reason why the law does not answer. The run fails with it.
     fn answer(&mut self, query: &LawQuery) -> Result<LawReply, String>;
 }
 

@@ -36,7 +36,7 @@ const SUMS: [&str; 12] = [
     "never",
 ];
 
-/// How this figure is taken over all teams; `None` if there is no such figure.
+/// How this figure is taken over all teams; `None` for an unknown key.
 pub fn over_teams(key: &str) -> Option<OverTeams> {
     let figure = FIGURES.iter().find(|figure| figure.key == key)?;
     Some(match figure.worse {

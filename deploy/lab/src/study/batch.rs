@@ -51,7 +51,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// A batch of this many worlds, stepped in so many threads, none of which has begun.
+    /// A batch of this many worlds, which have not begun. This many threads step them.
     pub fn new(study: Study, worlds: usize, threads: NonZeroUsize, replaced: Replaced) -> Self {
         let vehicles = study.scenario.swarm.vehicles;
         let side_by_side = (1..worlds.max(1)).find(|worlds| Blocks::are_full(worlds * vehicles)).unwrap_or(1);
