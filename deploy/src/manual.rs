@@ -1,13 +1,12 @@
 //! `skein completions` and `skein man`: what a package installs beside the program, made from the command line's definition.
 
 use std::fs;
-use std::io::stdout;
 use std::path::PathBuf;
 
 use clap::Command;
 use clap_complete::Shell;
 use skein_lab::error::Error;
-use skein_lab::terminal::say;
+use skein_lab::terminal::{draw, say};
 
 /// `skein completions`
 #[derive(Clone, Debug, clap::Args)]
@@ -31,7 +30,10 @@ pub struct ManArgs {
 
 /// Prints the completions for a shell.
 pub fn complete(args: &CompletionsArgs, mut program: Command) {
-    clap_complete::generate(args.shell, &mut program, "skein", &mut stdout());
+    // Not written to stdout at once: there a closed pipe (`| head`) would be an error.
+    let mut text = Vec::new();
+    clap_complete::generate(args.shell, &mut program, "skein", &mut text);
+    draw(&String::from_utf8_lossy(&text));
 }
 
 /// Writes a manual page for the program and for each of its commands.

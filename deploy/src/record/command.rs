@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::endpoints;
+use crate::inventory::Inventory;
 use crate::keys::Role;
-use skein_common::id::TeamId;
-use skein_common::scenario::{Loaded, Scenario, Source, load, load_any};
+use skein_common::id::{SwarmName, TeamId};
+use skein_common::scenario::{Described, Loaded, Scenario, Source, load, load_any};
 use skein_common::state::Membership;
 
 use super::{FleetRecorder, Recorder};
@@ -138,20 +139,12 @@ struct RecordedTeam<'a> {
 
 /// Records a live fleet until Ctrl-C, or until the file cannot be written.
 fn record_fleet(swarm: &SwarmArgs, teams: &[Reach], out: &Path) -> Result<(), Error> {
-    if swarm.file.is_some() {
-        return Err(Error::Refused("choose one team of the cluster with --team N".to_owned()));
-    }
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let there = endpoints::find(&endpoints::folder(), swarm.swarm.as_ref())?;
-    let path = there.out.join("scenario.toml");
-    let name = path.display().to_string();
-    let text = std::fs::read_to_string(&path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
-    let described = load_any(&Source { name: &name, text: &text }, &[])
-        .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
+    let (name, described) = fleet(swarm)?;
     let team = |(reach, loaded)| RecordedTeam::begin(reach, loaded, out);
     let mut teams = teams.iter().zip(described.all()).map(team).collect::<Result<Vec<_>, _>>()?;
     let mut recorder = FleetRecorder::begin(out, &described)?;
-    eprintln!("recording fleet {} into {}; Ctrl-C ends the recording", there.swarm, out.display());
+    eprintln!("recording fleet {name} into {}; Ctrl-C ends the recording", out.display());
     while interrupts.count() == 0 && !recorder.has_failed() {
         let now = clock::now();
         if !recorder.has_begun() && teams.iter().all(|team| team.window.has_begun) {
@@ -172,6 +165,21 @@ fn record_fleet(swarm: &SwarmArgs, teams: &[Reach], out: &Path) -> Result<(), Er
         out.display()
     ));
     Ok(())
+}
+
+/// The name of the fleet, and its scenario: that of the cluster file, or the one that `fly` wrote on this PC.
+fn fleet(swarm: &SwarmArgs) -> Result<(SwarmName, Described), Error> {
+    if let Some(file) = &swarm.file {
+        let Inventory { swarm, scenario, .. } = Inventory::read(file)?;
+        return Ok((swarm, scenario));
+    }
+    let there = endpoints::find(&endpoints::folder(), swarm.swarm.as_ref())?;
+    let path = there.out.join("scenario.toml");
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(&path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
+    let described = load_any(&Source { name: &name, text: &text }, &[])
+        .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
+    Ok((there.swarm, described))
 }
 
 impl<'a> RecordedTeam<'a> {

@@ -54,8 +54,13 @@ pub(super) fn fly() {
         assert!(held.out.contains("vehicle 1, 2: step 0 -> held at step 0"), "{held}");
     }
     assert_eq!(skein("order hold --teams 3").status, Some(2));
-    let recorded = lab.operator().sh("timeout -s INT 4 skein record -f lab/cluster.toml --team 2 --out two.mcap");
+    let record = |what: &str| lab.operator().sh(&format!("timeout -s INT 4 skein record -f lab/cluster.toml {what}"));
+    let recorded = record("--team 2 --out two.mcap");
     assert!(recorded.out.contains("of 2 vehicles"), "{recorded}");
+    let recorded = record("--out fleet.mcap");
+    assert!(recorded.out.contains("fleet.mcap: 4 vehicles at "), "{recorded}");
+    let read = lab.operator().sh("skein explain fleet.mcap --json");
+    assert!(read.status == Some(0), "{read}");
 
     let (killed, place) = KILLED;
     let uptime_s = |status: &Finished| each(status, "said")[place]["uptime_s"].as_f64();
