@@ -47,7 +47,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, String> {
                 folders.push(path);
                 continue;
             }
-            let text = fs::read_to_string(&path).unwrap();
+            let text = String::from_utf8_lossy(&fs::read(&path).unwrap()).into_owned();
             let text = match path.extension().and_then(|end| end.to_str()) {
                 Some("json") => without_wall_clock(serde_json::from_str(&text).unwrap()).to_string(),
                 Some("csv") => without_columns(&text),
@@ -103,6 +103,20 @@ fn a_study_gives_the_same_bytes_with_one_job_and_with_two() {
     assert_eq!(losses, [0.0, 0.0, 0.3, 0.3]);
     assert!(points.iter().all(|point| point["figures"]["at_altitude_s"]["n"] == 3), "{summary}");
     assert!(points.iter().all(|point| (3..6).contains(&point["worst_seed"].as_u64().unwrap())));
+}
+
+#[test]
+fn a_study_of_a_fleet_gives_the_same_bytes_with_one_job_and_with_two() {
+    let folder = tempfile::tempdir().unwrap();
+    let fleet = "duration_s = 30\nfleet = { teams = 3, pattern = 'line', spacing_m = 300 }\nswarm.vehicles = 3\nnetwork.loss = 0.2\n";
+    fs::write(folder.path().join("fleet.toml"), fleet).unwrap();
+    let [one, two] = ["1", "2"].map(|jobs| {
+        succeed(folder.path(), &format!("study fleet.toml --seeds 0..2 --jobs {jobs} --out jobs-{jobs}"));
+        files(&folder.path().join(format!("jobs-{jobs}")))
+    });
+    assert_eq!(one.keys().collect::<Vec<_>>(), two.keys().collect::<Vec<_>>());
+    one.iter().for_each(|(name, text)| assert!(two[name] == *text, "{} differs", name.display()));
+    assert!(one[Path::new("seed-1/fleet.mcap")].len() > 10_000 && one.contains_key(Path::new("seed-0/teams.csv")));
 }
 
 #[test]

@@ -12,6 +12,8 @@
 //!   swarm has to move on.
 //! * **Steady** figures use the last [`STEADY_S`] of the window and are `null` in a shorter one. Figures of the network
 //!   (`union`, `connectivity`, `connected_share`) use all of it.
+//! * Separations, collisions, crashes, tilt, and who is a member, in contact or at which step are observed at every step of the
+//!   run, fifty times a second; the formation, flocking, the network's graph and effort ten times a second.
 //! * Separations and collisions count pairs of which both vehicles are higher than [`AIRBORNE_ABOVE_M`].
 //! * **A centre moves** while a vehicle places it on a path between its two ends. `max_centre_distance_m` is measured
 //!   while the member's own centre moves. Under the flocking laws (`flock`, `olfati-saber`, `vasarhelyi`), so is
@@ -98,6 +100,9 @@ pub const STEADY_S: f64 = 100.0;
 pub const AIRBORNE_ABOVE_M: f64 = 2.0;
 /// Distance below which a pair has collided, m.
 pub const COLLISION_M: f64 = 2.0;
+/// Least time between two observations of the formation, s: half a frame of 50 Hz less than 0.1 s, so that it is observed ten
+/// times a second.
+const FORMATION_PERIOD_S: f64 = 0.09;
 /// Share of the altitude at which a vehicle is "at altitude".
 const AT_ALTITUDE_SHARE: f64 = 0.9;
 
@@ -118,6 +123,10 @@ pub struct Metrics {
     /// Number of mission steps that are not a landing.
     places: usize,
     t_s: f64,
+    /// Earliest time of the next observation of the formation, s.
+    next_formation_s: f64,
+    /// Time of the last observation of the formation, s.
+    formation_s: f64,
     at_altitude: Settling,
     in_band: Settling,
     even_10deg: Settling,
@@ -187,12 +196,13 @@ impl Metrics {
             shapes: steps.iter().map(Shape::new).collect(),
             places: steps.iter().filter(|step| !matches!(step.target, Target::Land(_))).count(),
             t_s: 0.0,
+            next_formation_s: 0.0,
+            formation_s: 0.0,
             at_altitude: Settling::default(),
             in_band: Settling::default(),
             even_10deg: Settling::default(),
             even_5deg: Settling::default(),
-            // The series of a fleet's many teams are not small; 10 Hz are enough for it.
-            series: SwarmSeries::new(if scenario.team.is_some() { 5 } else { 1 }),
+            series: SwarmSeries::default(),
             vehicle_series: VehicleSeries::new(vehicles, steps.first().map_or(0.0, |step| step.formation.radius_m)),
             following: Following::default(),
             alignment: Alignment::default(),
@@ -220,7 +230,6 @@ impl Metrics {
     ///
     /// Call it about fifty times a second, after the faults and events until then.
     pub fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
-        let dt_s = t_s - self.t_s;
         self.t_s = t_s;
         self.sampling.next_step();
         let is_change = self.observe_standings(vehicles);
@@ -230,16 +239,24 @@ impl Metrics {
         if is_change {
             self.steps.observe(t_s, vehicles);
         }
-        let is_kept = self.series.begin(t_s);
-        if is_kept {
-            self.vehicle_series.begin(t_s);
+        self.crashes.observe(vehicles);
+        self.observe_tilt(vehicles);
+        if self.observes_formation(t_s) {
+            self.next_formation_s = t_s + FORMATION_PERIOD_S;
+            self.observe_formation(t_s, vehicles);
         }
+        self.observe_pairs(vehicles);
+    }
+
+    /// Updates the figures of the formation, of flocking, of the network's graph and of effort.
+    fn observe_formation(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
+        let since_s = t_s - std::mem::replace(&mut self.formation_s, t_s);
+        self.series.begin(t_s);
+        self.vehicle_series.begin(t_s);
         self.alignment.observe(&mut self.series, vehicles, &self.members);
         self.graph.observe(t_s, vehicles, &self.members, self.alignment.directions());
-        self.crashes.observe(vehicles);
-        self.observe_members(t_s, vehicles, is_kept);
-        self.observe_pairs(vehicles);
-        self.observe_effort(dt_s, vehicles);
+        self.observe_members(t_s, vehicles);
+        self.observe_effort(since_s, vehicles);
     }
 
     /// Observes a fault that was injected into the swarm.
@@ -265,9 +282,9 @@ impl Metrics {
         self.sampling.now()
     }
 
-    /// Whether the observation at this time looks at [`VehicleNow::fresh`].
-    pub fn needs_fresh(&self, t_s: f64) -> bool {
-        self.graph.is_due(t_s)
+    /// Whether the observation at this time also observes the formation: only then it looks at [`VehicleNow::fresh`].
+    pub fn observes_formation(&self, t_s: f64) -> bool {
+        t_s >= self.next_formation_s
     }
 
     /// Observes the age of a peer's newest state at one step, s, by the receiver's clock. Leave out lost peers.
@@ -311,7 +328,7 @@ impl Metrics {
     }
 
     /// Updates the figures that depend on the members' positions.
-    fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow], is_kept: bool) {
+    fn observe_members(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
         let members = || self.members.iter().map(|&nth| &vehicles[nth]);
         let count = self.members.len();
         let middle_rank = (count as f64 - 1.0) / 2.0;
@@ -338,9 +355,7 @@ impl Metrics {
             }
             let altitude_error_m = target_altitude_m.map(|target_altitude_m| altitude_m - target_altitude_m);
             sums.add(rho_m, shape.ring.radius_m, altitude_error_m, is_inside);
-            if is_kept {
-                self.vehicle_series.add(index(member.id), rho_m, shape.ring.radius_m);
-            }
+            self.vehicle_series.add(index(member.id), rho_m, shape.ring.radius_m);
         }
         if count > 0 {
             let lag_m = sum_ne_m.norm() / count as f64;
@@ -367,15 +382,20 @@ impl Metrics {
         self.transients.observe(t_s, members, is_split, step, inside && is_even);
     }
 
-    /// Updates the figures of tilt, energy and control activity.
-    fn observe_effort(&mut self, dt_s: f64, vehicles: &[VehicleNow]) {
+    /// Updates the largest tilt.
+    fn observe_tilt(&mut self, vehicles: &[VehicleNow]) {
         for vehicle in vehicles.iter().filter(|vehicle| vehicle.runs) {
-            let truth = &vehicle.truth;
-            let tilt_rad = truth.attitude.roll_rad.abs().max(truth.attitude.pitch_rad.abs());
-            self.max_tilt_rad = self.max_tilt_rad.max(tilt_rad);
+            let attitude = &vehicle.truth.attitude;
+            self.max_tilt_rad = self.max_tilt_rad.max(attitude.roll_rad.abs()).max(attitude.pitch_rad.abs());
+        }
+    }
+
+    /// Updates the figures of energy and control activity, with the power and the controls of the last `since_s`, s.
+    fn observe_effort(&mut self, since_s: f64, vehicles: &[VehicleNow]) {
+        for vehicle in vehicles.iter().filter(|vehicle| vehicle.runs) {
             let Some(effort) = self.effort.get_mut(index(vehicle.id)) else { continue };
-            if let Some(power_w) = truth.power_w {
-                *effort.energy_j.get_or_insert(0.0) += power_w * dt_s;
+            if let Some(power_w) = vehicle.truth.power_w {
+                *effort.energy_j.get_or_insert(0.0) += power_w * since_s;
             }
             if let Some(controls) = vehicle.controls {
                 let square =

@@ -37,6 +37,9 @@ pub const LAWS: [Source<'_>; 3] = carried! {
     "goto_tcp.m": "laws/goto_tcp.m",
 };
 
+/// Reads the tables of studies and recordings in Matlab and Octave.
+pub const TABLE_READER: Source<'_> = Source { name: "skein_table.m", text: include_str!("../../laws/skein_table.m") };
+
 /// A cluster file with every key explained.
 pub const CLUSTER: Source<'_> = Source { name: "cluster.toml", text: include_str!("../../cluster.example.toml") };
 

@@ -137,7 +137,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
     world.faults().iter().for_each(|fault| metrics.fault(t_s, fault));
     world.events().for_each(|(sender, what)| metrics.observe_event(t_s, sender, &what));
     vehicles.clear();
-    let (sampled, needs_fresh) = (metrics.sampled(), metrics.needs_fresh(t_s));
+    let (sampled, needs_fresh) = (metrics.sampled(), metrics.observes_formation(t_s));
     for (id, agent, truth, controls) in world.all_vehicles() {
         let Some(agent) = agent else {
             vehicles.push(VehicleNow::dead(id, *truth));

@@ -5,6 +5,7 @@ mod figures;
 mod keys;
 mod messages;
 mod source;
+mod vectors;
 
 use std::fs;
 
@@ -64,4 +65,9 @@ fn the_reference_has_every_figure() {
 #[test]
 fn the_reference_has_every_message() {
     compare("messages.md", &messages::page());
+}
+
+#[test]
+fn the_reference_has_every_value_of_the_vectors() {
+    compare("vectors.md", &vectors::page());
 }

@@ -1,25 +1,75 @@
 //! Queries and replies as vectors of little-endian f64, one datagram each, for programs without JSON such as Simulink.
 //!
-//! | query, 144 values | | reply, 9 values | |
-//! | --- | --- | --- | --- |
-//! | 1-6 | protocol 1, vehicle, tick, time_s, dt_s, step | 1-3 | protocol 1, vehicle, tick |
-//! | 7-9, 10-12, 13 | own position, velocity, heading | 4, 5-7 | kind (1 velocity NED, 2 field NE, 0), its values |
-//! | 14-16, 17-19, 20, 21, 22 | centre, centre velocity, goal heading, radius_m, gamma | 8, 9 | heading_rad, 1 if set |
-//! | 23, 24, then 25 + 8k | number of peers n, 0; id, position, velocity, age_s | | k = 0..14 |
-//!
-//! Indices count from 1. Unused rows of peers are zero. Of more than 15 peers the nearest have a row, ordered by id.
+//! [`QUERY`], [`PEER`] and [`REPLY`] are the layouts, from which the book's page is made. Unused rows of peers are zero. Of more
+//! than 15 peers the nearest have a row, ordered by id.
 
 use nalgebra::{Vector2, Vector3};
 
 use super::protocol::{Fault, PROTOCOL, is_sane, vehicle_id, whole_f64};
 use skein_core::formation::external::{LawQuery, LawReply, PeerState, ReplyCommand};
 
-/// Number of values in a query.
-pub const ASK: usize = 144;
-/// Number of values in a reply.
-pub const ANSWER: usize = 9;
+/// Neighbouring values of a vector: how many, and what they are.
+#[derive(Clone, Copy, Debug)]
+pub struct Part {
+    /// Number of values.
+    pub values: usize,
+    /// What they are, with units.
+    pub meaning: &'static str,
+}
+
+const fn part(values: usize, meaning: &'static str) -> Part {
+    Part { values, meaning }
+}
+
+const fn sum(parts: &[Part]) -> usize {
+    let (mut sum, mut nth) = (0, 0);
+    while nth < parts.len() {
+        sum += parts[nth].values;
+        nth += 1;
+    }
+    sum
+}
+
+/// The layout of a query before its rows of peers.
+pub const QUERY: [Part; 15] = [
+    part(1, "version of the protocol: 1"),
+    part(1, "vehicle, its id"),
+    part(1, "tick: number of the query, to be repeated in the reply"),
+    part(1, "`time_s`: time since the start, s"),
+    part(1, "`dt_s`: time since the query before, s"),
+    part(1, "step of the mission, counted from 0"),
+    part(3, "own position: north, east, down, m"),
+    part(3, "own velocity over the ground: north, east, down, m/s"),
+    part(1, "own heading, clockwise from true north, rad"),
+    part(3, "centre of the formation: north, east, down, m"),
+    part(3, "velocity of the centre: north, east, down, m/s"),
+    part(1, "heading of the formation's first axis, clockwise from true north, rad"),
+    part(2, "radius R*, m, and γ of the ellipse"),
+    part(1, "number of peers that have a row"),
+    part(1, "0"),
+];
+/// The layout of a peer's row.
+pub const PEER: [Part; 4] = [
+    part(1, "id of the peer, 0 in a row without a peer"),
+    part(3, "its position, extrapolated to now: north, east, down, m"),
+    part(3, "its velocity: north, east, down, m/s"),
+    part(1, "age of its state, s"),
+];
+/// The layout of a reply.
+pub const REPLY: [Part; 6] = [
+    part(1, "version of the protocol: 1"),
+    part(2, "vehicle and tick of the query"),
+    part(1, "kind: 1 is a velocity, 2 a field"),
+    part(3, "the velocity north, east, down, m/s; or the field north, east, then 0"),
+    part(1, "heading, clockwise from true north, rad"),
+    part(1, "1 if that heading is meant, 0 if the vehicle is to keep to the mission's"),
+];
 /// Number of rows for peers.
-const PEERS: usize = 15;
+pub const PEERS: usize = 15;
+/// Number of values in a query.
+pub const ASK: usize = sum(&QUERY) + PEERS * sum(&PEER);
+/// Number of values in a reply.
+pub const ANSWER: usize = sum(&REPLY);
 
 const KIND_VELOCITY: f64 = 1.0;
 const KIND_FIELD: f64 = 2.0;
@@ -29,15 +79,32 @@ pub fn write(ask: &LawQuery) -> Vec<u8> {
     let LawQuery { vehicle, tick, time_s, dt_s, own, peers, goal } = ask;
     let peers = nearest(own.position_ned_m.into(), peers);
     let mut values = Vec::with_capacity(ASK);
-    values.extend([PROTOCOL as f64, vehicle.get().into(), *tick as f64, *time_s, *dt_s, goal.step as f64]);
-    values.extend(own.position_ned_m.iter().chain(&own.velocity_ned_m_s));
-    values.push(own.heading_rad);
-    values.extend(goal.centre_ned_m.iter().chain(&goal.centre_velocity_ned_m_s));
-    values.extend([goal.heading_rad, goal.radius_m, goal.gamma, peers.len() as f64, 0.0]);
+    let mut put = |part: &Part, its: &[f64]| {
+        debug_assert_eq!(its.len(), part.values, "{}", part.meaning);
+        values.extend_from_slice(its);
+    };
+    let head: [&[f64]; QUERY.len()] = [
+        &[PROTOCOL as f64],
+        &[vehicle.get().into()],
+        &[*tick as f64],
+        &[*time_s],
+        &[*dt_s],
+        &[goal.step as f64],
+        &own.position_ned_m,
+        &own.velocity_ned_m_s,
+        &[own.heading_rad],
+        &goal.centre_ned_m,
+        &goal.centre_velocity_ned_m_s,
+        &[goal.heading_rad],
+        &[goal.radius_m, goal.gamma],
+        &[peers.len() as f64],
+        &[0.0],
+    ];
+    QUERY.iter().zip(head).for_each(|(part, its)| put(part, its));
     for peer in peers {
-        values.push(peer.id.get().into());
-        values.extend(peer.position_ned_m.iter().chain(&peer.velocity_ned_m_s));
-        values.push(peer.age_s);
+        let row: [&[f64]; PEER.len()] =
+            [&[peer.id.get().into()], &peer.position_ned_m, &peer.velocity_ned_m_s, &[peer.age_s]];
+        PEER.iter().zip(row).for_each(|(part, its)| put(part, its));
     }
     values.resize(ASK, 0.0);
     values.iter().flat_map(|value| value.to_le_bytes()).collect()

@@ -140,7 +140,7 @@ mod tests {
     }
 
     fn observed(vehicles: &[VehicleNow]) -> (Option<f64>, Option<f64>) {
-        let mut series = SwarmSeries::new(1);
+        let mut series = SwarmSeries::default();
         series.begin(0.0);
         Alignment::default().observe(&mut series, vehicles, &live_members(vehicles));
         (series.mean(Column::Polarization, 0.0), series.mean(Column::Order, 0.0))
@@ -203,7 +203,7 @@ mod tests {
         let mut all =
             [moving(1, &[], [3.0, 0.0, 4.0]), moving(2, &[], [0.0, 0.1, 0.0]), moving(3, &[], [9.0, 0.0, 0.0])];
         all[2].is_member = false;
-        let (mut alignment, mut series) = (Alignment::default(), SwarmSeries::new(1));
+        let (mut alignment, mut series) = (Alignment::default(), SwarmSeries::default());
         series.begin(0.0);
         alignment.observe(&mut series, &all, &live_members(&all));
         assert!((series.mean(Column::Speed, 0.0).unwrap() - 2.55).abs() < 1e-12);

@@ -11,15 +11,12 @@ use nalgebra::{DMatrix, Vector3};
 use super::VehicleNow;
 use super::series::{Mean, Window};
 
-/// Least time between two observations of the graph, s.
-const PERIOD_S: f64 = 0.1;
 /// Number of observations for each computation of the spectrum, which costs the most: about one a second.
 const SPECTRUM_EVERY: u64 = 10;
 
 /// Means of the graph over the window; `None` while there were fewer than two members.
 #[derive(Debug, Default)]
 pub(super) struct Graph {
-    next_s: f64,
     observations: u64,
     /// (N − components)/(N − 1).
     pub(super) union: Mean,
@@ -40,11 +37,6 @@ pub(super) struct Graph {
 }
 
 impl Graph {
-    /// Whether the next observation at this time looks at the graph.
-    pub(super) fn is_due(&self, t_s: f64) -> bool {
-        t_s >= self.next_s
-    }
-
     /// Observes all vehicles. The nodes are the live members, as indices of the vehicles; so are `moving`, those of them
     /// that move, each with its direction of flight.
     pub(super) fn observe(
@@ -54,10 +46,6 @@ impl Graph {
         nodes: &[usize],
         moving: &[(usize, Vector3<f64>)],
     ) {
-        if !self.is_due(t_s) {
-            return;
-        }
-        self.next_s = t_s + PERIOD_S;
         let Self { components, directions, spectrum, .. } = self;
         let count = nodes.len();
         if count < 2 {
@@ -289,10 +277,9 @@ mod tests {
         assert!((graph.connectivity.mean().unwrap() - 1.0 / 3.0).abs() < 1e-9, "a path of three");
         assert_eq!((graph.disconnected.mean(), graph.smallest.mean()), (Some(0.0), Some(3.0)));
 
-        graph.observe(1.05, &vehicles, &[0, 1, 2], &[]);
         vehicles[2].fresh = set(&[]);
         graph.observe(1.2, &vehicles, &[0, 1, 2], &[]);
-        assert_eq!(graph.connected.mean(), Some(0.5), "not observed 50 ms after the first time");
+        assert_eq!(graph.connected.mean(), Some(0.5), "not the second time");
         assert_eq!(graph.union.mean(), Some(0.75), "(3 - 2)/(3 - 1) the second time");
         assert_eq!(graph.disconnected.mean(), Some(0.5), "no vehicle, then the third");
         assert_eq!(graph.smallest.mean(), Some(2.0), "3 members, then 1");

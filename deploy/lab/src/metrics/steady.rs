@@ -38,13 +38,8 @@ pub(super) enum Column {
 const COLUMNS: usize = Column::Inside as usize + 1;
 
 /// The values of the whole swarm over the last [`STEADY_S`].
-#[derive(Clone, Debug)]
-pub(super) struct SwarmSeries {
-    rows: VecDeque<Row>,
-    /// Every how many instants values are kept, and the instants to the next of them.
-    every: u32,
-    to_next: u32,
-}
+#[derive(Clone, Debug, Default)]
+pub(super) struct SwarmSeries(VecDeque<Row>);
 
 #[derive(Clone, Copy, Debug)]
 struct Row {
@@ -79,37 +74,20 @@ impl MemberSums {
 }
 
 impl SwarmSeries {
-    /// A series that keeps the values of every `every`-th instant.
-    pub(super) fn new(every: u32) -> Self {
-        Self { rows: VecDeque::new(), every, to_next: 0 }
-    }
-
-    /// Begins the next instant, without values. Returns whether its values are kept.
-    pub(super) fn begin(&mut self, t_s: f64) -> bool {
-        self.to_next = if self.to_next == 0 { self.every } else { self.to_next } - 1;
-        if !self.is_kept() {
-            return false;
-        }
-        drop_before(&mut self.rows, t_s - STEADY_S, |row| row.t_s);
-        if let (Some(last), true) = (self.rows.back(), self.rows.len() == self.rows.capacity()) {
+    /// Begins the next instant, without values.
+    pub(super) fn begin(&mut self, t_s: f64) {
+        drop_before(&mut self.0, t_s - STEADY_S, |row| row.t_s);
+        if let (Some(last), true) = (self.0.back(), self.0.len() == self.0.capacity()) {
             // Room for a whole window, and not twice as much.
             let window = (STEADY_S / (t_s - last.t_s)).min(LARGEST_RESERVE) as usize + 8;
-            self.rows.reserve_exact(window.saturating_sub(self.rows.len()));
+            self.0.reserve_exact(window.saturating_sub(self.0.len()));
         }
-        self.rows.push_back(Row { t_s, values: [f64::NAN; COLUMNS] });
-        true
-    }
-
-    /// Whether the values of this instant are kept.
-    fn is_kept(&self) -> bool {
-        self.to_next == self.every - 1
+        self.0.push_back(Row { t_s, values: [f64::NAN; COLUMNS] });
     }
 
     /// Sets a value at this instant.
     pub(super) fn set(&mut self, column: Column, value: f64) {
-        if self.is_kept()
-            && let Some(row) = self.rows.back_mut()
-        {
+        if let Some(row) = self.0.back_mut() {
             row.values[column as usize] = value;
         }
     }
@@ -131,7 +109,7 @@ impl SwarmSeries {
 
     /// The rows since `since_s`.
     fn since(&self, since_s: f64) -> impl Iterator<Item = &[f64; COLUMNS]> {
-        self.rows.iter().filter(move |row| row.t_s >= since_s).map(|row| &row.values)
+        self.0.iter().filter(move |row| row.t_s >= since_s).map(|row| &row.values)
     }
 
     /// The values since `since_s`.
@@ -359,12 +337,9 @@ mod tests {
 
     #[test]
     fn every_member_counts_alike_in_a_mean_of_members() {
-        let mut series = SwarmSeries::new(2);
-        for (t_s, members, value) in
-            [(0.0, 1.0, 9.0), (1.0, 3.0, 1.0), (2.0, 1.0, 7.0), (3.0, 3.0, 5.0), (4.0, 3.0, 3.0)]
-        {
-            let is_kept = series.begin(t_s);
-            assert_eq!(is_kept, t_s % 2.0 == 0.0, "every second instant");
+        let mut series = SwarmSeries::default();
+        for (t_s, members, value) in [(0.0, 1.0, 9.0), (2.0, 1.0, 7.0), (4.0, 3.0, 3.0)] {
+            series.begin(t_s);
             series.set(Column::Members, members);
             series.set(Column::Rho, value);
         }

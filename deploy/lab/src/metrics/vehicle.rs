@@ -26,7 +26,7 @@ pub struct VehicleNow {
     /// Peers that the vehicle does not count as lost.
     pub in_contact: VehicleSet,
     /// Peers whose newest state arrived less than 0.5 s ago, however long it was in flight. Only some observations look at
-    /// it ([`Metrics::needs_fresh`](super::Metrics::needs_fresh)).
+    /// it ([`Metrics::observes_formation`](super::Metrics::observes_formation)).
     pub fresh: VehicleSet,
 }
 

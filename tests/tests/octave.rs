@@ -1,0 +1,82 @@
+//! A law in Octave, and the tables of a study and of a recording read in Octave. Needs `octave-cli`, which `.ci/long` installs.
+#![cfg(unix)]
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+use skein_lab::record;
+use skein_lab::shipped::TABLE_READER;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
+
+/// Runs a command line in this folder, and returns what it prints.
+fn run(folder: &Path, program: &str, arguments: &[&str]) -> String {
+    let output = Command::new(program).current_dir(folder).args(arguments).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{program} {arguments:?}: {stderr}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn skein(folder: &Path, line: &str) -> String {
+    run(folder, PROGRAM, &line.split_whitespace().collect::<Vec<_>>())
+}
+
+#[test]
+#[ignore = "needs Octave; `.ci/long` installs it"]
+fn a_new_law_in_octave_flies_like_the_same_law_in_python() {
+    let folder = tempfile::tempdir().unwrap();
+    let fly = |language: &str| -> Value {
+        skein(folder.path(), &format!("new law of-{language} --lang {language}"));
+        skein(
+            folder.path(),
+            &format!("study of-{language}.toml --seeds 1..2 --set duration_s=130 --no-record --out {language}"),
+        );
+        serde_json::from_str(&fs::read_to_string(folder.path().join(language).join("metrics.json")).unwrap()).unwrap()
+    };
+    let [octave, python] = ["octave", "python"].map(fly);
+    assert_eq!((octave["law_misses"].as_f64(), octave["collisions"].as_f64()), (Some(0.0), Some(0.0)));
+    // Octave writes 15 digits of a number, Python all 17.
+    for figure in ["at_altitude_s", "in_band_s", "even_10deg_s", "radial_rms_m", "min_separation_m", "energy_j"] {
+        let (octave, python) = (octave[figure].as_f64().unwrap(), python[figure].as_f64().unwrap());
+        println!("{figure}: Octave {octave}, Python {python}");
+        assert!((octave - python).abs() <= 1e-4 * python.abs(), "{figure}: {octave} instead of {python}");
+    }
+}
+
+#[test]
+#[ignore = "needs Octave; `.ci/long` installs it"]
+fn octave_reads_a_study_and_a_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    skein(
+        path,
+        "study hover --seeds 0..3 --sweep network.loss=0,0.3 --set swarm.vehicles=2 --set duration_s=30 --out study",
+    );
+    skein(path, "study hover --seeds 1..2 --set swarm.vehicles=2 --set duration_s=30 --out one");
+    skein(path, "report one/run.mcap --csv --out pages");
+    fs::write(path.join(TABLE_READER.name), TABLE_READER.text).unwrap();
+    fs::write(path.join("quoted.csv"), "a,b.c,text\n1,,\"x, \"\"y\"\"\"\n2,3,z\n").unwrap();
+    let script = "r = skein_table('study/runs.csv'); t = skein_table('pages/csv/run/trace.csv'); q = skein_table('quoted.csv'); \
+                  printf('%s\\n', jsonencode(struct('seed', r.seed, 'loss', r.network_loss, 'even', r.even_10deg_s, 'steps', numel(t.t_s), \
+                  'highest_m', max(-t.down_m), 'active', sum(strcmp(t.membership, 'Active')), 'quoted', q)));";
+    let read: Value = serde_json::from_str(&run(path, "octave-cli", &["--quiet", "--eval", script])).unwrap();
+    let seeds = [0, 1, 2, 0, 1, 2].map(Value::from);
+    assert_eq!(
+        (read["seed"].as_array().unwrap().as_slice(), &read["loss"]),
+        (&seeds[..], &serde_json::json!([0, 0, 0, 0.3, 0.3, 0.3]))
+    );
+    assert!(
+        read["even"].as_array().unwrap().iter().all(|even| even.is_null() || even.is_f64() || even.is_u64()),
+        "{read}"
+    );
+    let recording = record::read(&path.join("one/run.mcap")).unwrap();
+    let steps = || recording.tracks.iter().flat_map(|track| &track.steps);
+    let highest_m = steps().map(|step| step.trace.position.altitude_m()).fold(f64::NEG_INFINITY, f64::max);
+    assert_eq!(read["steps"].as_u64(), Some(steps().count() as u64));
+    assert!((read["highest_m"].as_f64().unwrap() - highest_m).abs() < 1e-6, "{read}: {highest_m}");
+    assert!(read["active"].as_u64().unwrap() > 100, "{read}");
+    assert_eq!(read["quoted"], serde_json::json!({ "a": [1, 2], "b_c": [null, 3], "text": ["x, \"y\"", "z"] }));
+}
