@@ -59,8 +59,8 @@ pub(super) fn fly() {
     assert!(recorded.out.contains("of 2 vehicles"), "{recorded}");
     let recorded = record("--out fleet.mcap");
     assert!(recorded.out.contains("fleet.mcap: 4 vehicles at "), "{recorded}");
-    let read = lab.operator().sh("skein explain fleet.mcap --json");
-    assert!(read.status == Some(0), "{read}");
+    let page = lab.operator().sh("skein report fleet.mcap --out pages");
+    assert!(page.status == Some(0) && page.out.contains("pages/index.html"), "{page}");
 
     let (killed, place) = KILLED;
     let uptime_s = |status: &Finished| each(status, "said")[place]["uptime_s"].as_f64();
