@@ -10,6 +10,7 @@ use skein_agent::config::fleet;
 
 use crate::cluster;
 use crate::fly::script;
+use crate::inventory::find;
 use crate::prepare::{Prepared, Target, prepare};
 use crate::simulators::{self, HostPort};
 use skein_lab::error::Error;
@@ -25,7 +26,9 @@ pub struct CheckArgs {
     /// The scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
-    /// A cluster: its keys, hosts, clocks, disks, versions, simulators and ports, each fault with its remedy
+    /// A cluster: its keys, hosts, clocks, disks, versions, simulators and ports, each fault with its remedy. `skein check`
+    /// alone checks the cluster of the file that the environment variable SKEIN_CLUSTER names, else of cluster.toml in this
+    /// folder, if there is one; otherwise the shipped hover scenario
     #[arg(short = 'f', long = "file", value_name = "CLUSTER.toml", conflicts_with_all = ["scenario", "sets"])]
     pub file: Option<PathBuf>,
     /// An X-Plane: what it answers to this PC
@@ -38,7 +41,8 @@ pub struct CheckArgs {
 
 /// Prints the results. For a scenario these are every value with its origin; then, on stderr, the events that `fly`
 /// would skip and whatever would prevent a flight: the check starts the external law and asks the X-Planes. With only
-/// `--xplane` given, it asks that X-Plane and no scenario is checked.
+/// `--xplane` given, it asks that X-Plane and no scenario is checked. With nothing given, it checks the cluster of this folder
+/// if there is one.
 ///
 /// # Errors
 /// If a file is wrong, the scenario is not supported in flight, or anything else would prevent a flight.
@@ -46,10 +50,18 @@ pub fn run(args: &CheckArgs) -> Result<(), Error> {
     if let Some(xplane) = &args.xplane {
         simulator(xplane, args.json)?;
     }
+    let names_a_scenario = args.scenario.scenario.is_some() || !args.scenario.sets.is_empty();
     match (&args.file, &args.xplane) {
         (Some(file), _) => cluster::check::run(file, args.json),
-        (None, Some(_)) if args.scenario.scenario.is_none() && args.scenario.sets.is_empty() => Ok(()),
-        (None, _) => scenario(args),
+        (None, _) if names_a_scenario => scenario(args),
+        (None, Some(_)) => Ok(()),
+        (None, None) => match find::unnamed() {
+            Some(cluster) => {
+                skein_lab::terminal::complain(&format!("checks {cluster}; `skein check SCENARIO` checks a scenario"));
+                cluster::check::run(&cluster.path, args.json)
+            }
+            None => scenario(args),
+        },
     }
 }
 

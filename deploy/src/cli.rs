@@ -12,6 +12,7 @@ use tracing_subscriber::EnvFilter;
 use crate::check::{self, CheckArgs};
 use crate::cluster::host::{self, NodeArgs};
 use crate::cluster::{self, ClusterArgs};
+use crate::doctor::{self, DoctorArgs};
 use crate::explain::{self, ExplainArgs};
 use crate::fly::{self, FlyArgs};
 use crate::manual::{self, CompletionsArgs, ManArgs};
@@ -53,6 +54,8 @@ pub enum Command {
     Order(OrderArgs),
     /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of an X-Plane
     Check(CheckArgs),
+    /// What of this PC would stop or disturb a flight: ports, firewall, cores, clock, limits, disk, X-Plane's beacon
+    Doctor(DoctorArgs),
     /// What the keys of a scenario mean: kind, range, default and reason
     Explain(ExplainArgs),
     /// The scenarios that come with the program, and fly by their name
@@ -103,6 +106,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Report(args) => report::run(&args),
         Command::Order(args) => order::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
         Command::Explain(args) => explain::run(&args),
         Command::Scenarios(args) => scenarios::run(&args),
         Command::New(args) => new::run(&args),
@@ -178,7 +182,7 @@ mod tests {
         }
         let Ok(Command::Cluster(logs)) = parse("skein cluster logs -f lab.toml -F -n 3 2") else { panic!("logs") };
         let cluster::ClusterCommand::Logs(logs) = logs.command else { panic!("logs") };
-        assert!(logs.follow && logs.file == std::path::Path::new("lab.toml") && logs.nodes.len() == 1);
+        assert!(logs.follow && logs.file == Some("lab.toml".into()) && logs.nodes.len() == 1);
         for old in ["skein cluster logs -f", "skein cluster logs -f 3", "skein cluster logs -f -n 5"] {
             let refused = parse(old).unwrap_err();
             assert!(refused.exit_code() == 2 && refused.to_string().contains("-F or --follow"), "{old}: {refused}");

@@ -39,6 +39,7 @@ use std::path::PathBuf;
 
 use clap::Subcommand;
 
+use crate::inventory::find;
 use skein_lab::error::Error;
 
 /// `skein cluster`
@@ -74,9 +75,17 @@ pub enum ClusterCommand {
 /// Options of every command on a cluster.
 #[derive(Clone, Debug, clap::Args)]
 pub struct FileArgs {
-    /// The cluster's file
-    #[arg(short = 'f', long = "file", value_name = "CLUSTER.toml", default_value = "cluster.toml")]
-    pub file: PathBuf,
+    /// The cluster's file; without it the one that the environment variable SKEIN_CLUSTER names, else cluster.toml of this
+    /// folder
+    #[arg(short = 'f', long = "file", value_name = "CLUSTER.toml")]
+    pub file: Option<PathBuf>,
+}
+
+impl FileArgs {
+    /// Path of the cluster file.
+    pub fn path(&self) -> PathBuf {
+        find::of_option(self.file.as_deref())
+    }
 }
 
 /// Runs a command on a cluster.

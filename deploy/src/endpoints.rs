@@ -129,11 +129,15 @@ pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error
         None => names(folder),
     };
     if names.len() > 1 {
-        // Ignore the files that ended swarms have left behind.
-        names.retain(|name| read(folder, name).is_ok_and(|there| there.is_some_and(|there| there.any_agent_answers())));
+        names.retain(|name| flies(folder, name));
     }
-    let no_swarm =
-        || Error::Failed(format!("no swarm flies here (looked in {}); `skein fly` starts one", folder.display()));
+    let title = swarm.map_or_else(|| "swarm".to_owned(), |name| format!("swarm named {name}"));
+    let no_swarm = || {
+        Error::Failed(format!(
+            "no {title} flies here (looked in {}); `skein fly` starts one, and -f CLUSTER.toml names a cluster",
+            folder.display()
+        ))
+    };
     match names.as_slice() {
         [] => Err(no_swarm()),
         [name] => read(folder, name)?.ok_or_else(no_swarm),
@@ -142,6 +146,18 @@ pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error
             Err(Error::Refused(format!("several swarms fly here: {list}; choose one with --swarm NAME")))
         }
     }
+}
+
+/// Names of the swarms of which at least one agent accepts a connection, sorted.
+pub fn flying(folder: &Path) -> Vec<SwarmName> {
+    let mut names = names(folder);
+    names.retain(|name| flies(folder, name));
+    names
+}
+
+/// Whether an agent of this swarm accepts a connection: an ended swarm can leave its file behind.
+fn flies(folder: &Path, name: &SwarmName) -> bool {
+    read(folder, name).is_ok_and(|there| there.is_some_and(|there| there.any_agent_answers()))
 }
 
 /// Names of the swarms that have an endpoints file, sorted.
@@ -181,7 +197,7 @@ mod tests {
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "no draft is left");
         drop(file);
         let error = find(&folder, Some(&left.swarm)).unwrap_err();
-        assert!(error.to_string().starts_with("no swarm flies here"), "{error}");
+        assert!(error.to_string().starts_with("no swarm named lab flies here"), "{error}");
         assert_eq!(error.exit_code(), 1, "as on a cluster of which no vehicle answers");
     }
 

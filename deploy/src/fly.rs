@@ -13,6 +13,7 @@
 //! | [`status`] | figures of every vehicle |
 //! | [`journal`] | what happened, equal events of several vehicles in one line |
 //! | [`table`], [`columns`], [`screen`] | what people see |
+//! | [`stream`] | what programs read: `--json` |
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -26,6 +27,7 @@ use crate::os::Interrupts;
 use crate::simulators::HostPort;
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
+use skein_lab::study::seed;
 
 pub mod children;
 pub mod columns;
@@ -38,6 +40,7 @@ pub mod plan;
 pub mod screen;
 pub mod script;
 pub mod status;
+pub mod stream;
 pub mod table;
 
 use fleet::Flights;
@@ -59,10 +62,10 @@ pub struct FlyArgs {
     #[arg(long, value_name = "HOST[:PORT]")]
     pub xplane: Option<HostPort>,
     /// How long to fly, seconds; the same as --set duration_s=S. Without it in the scenario either: until stopped
-    #[arg(long = "duration", value_name = "S")]
+    #[arg(long = "duration", value_name = "S", value_parser = duration, allow_negative_numbers = true)]
     pub duration_s: Option<f64>,
     /// Where all randomness comes from; the same as --set seed=N
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = seed, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Folder for what is written, new or empty; without it a new one in skein-runs
     #[arg(long, value_name = "DIR")]
@@ -79,9 +82,14 @@ pub struct FlyArgs {
     /// Fly more vehicles than this PC carries
     #[arg(long)]
     pub anyway: bool,
-    /// Print the figures as JSON on stdout, everything else on stderr
+    /// Print what happens as JSON on stdout, an object a line, the last one with the figures; everything else on stderr
     #[arg(long)]
     pub json: bool,
+}
+
+/// A duration; its range is that of the scenario's key.
+fn duration(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| "a number of seconds, without a unit".to_owned())
 }
 
 /// Default of `--timeout`, s: all vehicles become active within this time.

@@ -1,6 +1,7 @@
 //! The cluster file: which vehicle's agent runs on which host. The scenario, not the cluster file, determines what
 //! flies.
 
+pub mod find;
 mod read;
 
 use std::collections::BTreeMap;

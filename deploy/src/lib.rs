@@ -5,6 +5,7 @@ pub mod capacity;
 pub mod check;
 pub mod cli;
 pub mod cluster;
+pub mod doctor;
 pub mod endpoints;
 pub mod explain;
 pub mod fly;

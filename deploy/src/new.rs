@@ -1,6 +1,6 @@
 //! `skein new`: writes a commented start for what a user wants to make. It can fly at once.
 
-mod discover;
+pub(crate) mod discover;
 mod start;
 
 use std::fs;
@@ -67,11 +67,14 @@ pub enum NewKind {
         #[arg(long, value_name = "S", default_value_t = 5.0, requires = "discover")]
         wait: f64,
     },
-    /// A study: a script that flies many seeds of several variants, and draws them
-    #[command(after_help = "Examples:\n  skein new study my-study\n  skein new study loss")]
+    /// A study: a script that flies many seeds of several variants, compares them, and draws them
+    #[command(after_help = "Examples:\n  skein new study my-study\n  skein new study loss --lang python")]
     Study {
-        /// Its name; the file is NAME.sh
+        /// Its name; the file is NAME.sh or NAME.py
         name: Name,
+        /// The language of the script
+        #[arg(long, value_enum, default_value_t = ScriptLanguage::Sh)]
+        lang: ScriptLanguage,
     },
 }
 
@@ -86,6 +89,15 @@ pub enum Language {
     Matlab,
     /// A process for each vehicle
     Octave,
+}
+
+/// A language of a script that flies a study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ScriptLanguage {
+    /// A shell script of commands
+    Sh,
+    /// A script with the package skein-swarm, whose results are frames of pandas
+    Python,
 }
 
 /// The name of something new: it becomes part of file names.

@@ -2,6 +2,7 @@
 //! it has to reach only one of them.
 
 mod effect;
+mod result;
 
 use std::collections::BTreeMap;
 use std::thread;
@@ -16,8 +17,10 @@ use crate::observe::{Observer, TraceSubscription, VehicleView};
 use crate::reach::{Reach, SwarmArgs};
 pub(crate) use effect::ranges;
 use effect::{Activity, Effect};
+use result::Given;
 use skein_host::clock;
 use skein_lab::error::Error;
+use skein_lab::terminal::{json, say};
 
 /// How long to wait for heartbeats. An agent sends five a second; one that is silent for this long is not there.
 const LISTEN: Duration = Duration::from_millis(1500);
@@ -43,6 +46,9 @@ pub struct OrderArgs {
     /// The teams of a fleet to order, such as 1,3; without it all of them
     #[arg(long, global = true, value_name = "N,...", value_delimiter = ',')]
     pub teams: Vec<TeamId>,
+    /// Print what was ordered, which vehicles accepted it and which did not answer, as one JSON object
+    #[arg(long, global = true)]
+    pub json: bool,
 }
 
 /// The orders of an operator.
@@ -79,37 +85,50 @@ impl From<VerbArg> for Verb {
 /// If no vehicle answers, the mission has no such step, a vehicle in contact does not accept the order, or the order
 /// changes nothing.
 pub fn run(args: &OrderArgs) -> Result<(), Error> {
-    let reaches = args.swarm.reach_teams(Role::Operator, &args.teams)?;
+    let place = args.swarm.choose()?;
+    let reaches = place.reach_teams(Role::Operator, &args.teams)?;
     let verb = args.verb.into();
-    if let [reach] = reaches.as_slice() {
-        skein_lab::terminal::say(&give(reach, verb)?);
-        return Ok(());
-    }
     // Each team agrees on its own: no team waits for another.
-    let results = thread::scope(|scope| {
+    let results: Vec<Given> = thread::scope(|scope| {
         let given: Vec<_> = reaches.iter().map(|reach| (reach, scope.spawn(|| give(reach, verb)))).collect();
         let joined = given.into_iter().map(|(reach, given)| {
-            let failed = || Err(Error::Failed(format!("{verb}: the order to {} failed", reach.title())));
-            (reach, given.join().unwrap_or_else(|_| failed()))
+            let failed = |_| Given::failed(Error::Failed(format!("{verb}: the order to {} failed", reach.title())));
+            given.join().unwrap_or_else(failed)
         });
-        joined.collect::<Vec<_>>()
+        joined.collect()
     });
+    if args.json {
+        say(&json(&result::as_json(place.swarm(), verb, &reaches, &results)));
+    }
+    let has_one = reaches.len() == 1;
     let mut failures = Vec::new();
-    for (reach, result) in results {
-        let team = reach.branch.team().map_or_else(String::new, |team| format!("team {team}: "));
-        match result {
-            Ok(text) => skein_lab::terminal::say(&format!("{team}{text}")),
+    for (reach, given) in reaches.iter().zip(results) {
+        let team = reach.branch.team().filter(|_| !has_one).map_or_else(String::new, |team| format!("team {team}: "));
+        match given.verdict(verb) {
+            Err(error) if has_one => return Err(error),
             Err(error) => failures.push(format!("{team}{error}")),
+            Ok(_) if args.json => {}
+            Ok(text) => say(&format!("{team}{text}\n")),
         }
     }
     if failures.is_empty() { Ok(()) } else { Err(Error::Failed(failures.join("\n"))) }
 }
 
-/// Gives the order to one swarm. Returns what it has changed.
-fn give(reach: &Reach, verb: Verb) -> Result<String, Error> {
+/// Gives the order to one swarm.
+fn give(reach: &Reach, verb: Verb) -> Given {
+    let mut given = Given::default();
+    if let Err(error) = send(reach, verb, &mut given) {
+        given.error = Some(error);
+    }
+    given
+}
+
+fn send(reach: &Reach, verb: Verb, given: &mut Given) -> Result<(), Error> {
     let mut observer = Observer::open(reach, TraceSubscription::Off)?;
     wait_for_heartbeats(std::slice::from_mut(&mut observer), std::slice::from_ref(reach));
-    if senders(&observer).next().is_none() {
+    let answer: Vec<VehicleId> = senders(&observer).collect();
+    given.silent = reach.agents.keys().copied().filter(|id| !answer.contains(id)).collect();
+    if answer.is_empty() {
         return Err(Error::Failed(format!("no vehicle of {} answered", reach.title())));
     }
     if let Verb::Goto(step) = verb
@@ -129,18 +148,10 @@ fn give(reach: &Reach, verb: Verb) -> Result<String, Error> {
         return Err(Error::Failed(format!("no vehicle of {} reported the run that it flies in", reach.title())));
     }
     note_order(reach, verb);
-    let (accepted, unresponsive) = distribute(&mut observer, &order)?;
-    let effect = wait_for_effect(&mut observer, &before);
-    if !unresponsive.is_empty() {
-        let unresponsive = ranges(&unresponsive);
-        return Err(Error::Failed(format!(
-            "{verb}: not accepted by vehicle {unresponsive}; of those in contact {effect}"
-        )));
-    }
-    if !effect.is_any() {
-        return Err(Error::Failed(format!("{verb}: no effect: {effect}")));
-    }
-    Ok(format!("{verb}: accepted by vehicle {}; {effect}\n", ranges(&accepted)))
+    (given.accepted, given.unresponsive) = distribute(&mut observer, &order)?;
+    given.silent.retain(|id| !given.accepted.contains(id) && !given.unresponsive.contains(id));
+    given.effect = wait_for_effect(&mut observer, &before);
+    Ok(())
 }
 
 /// Records an order on this PC before it is sent, so that a run that was ordered to land is not joined again.

@@ -174,6 +174,14 @@ pub fn free_bytes(path: &Path) -> io::Result<u64> {
     imp::free_bytes(path)
 }
 
+/// Number of files that this process may have open; `None` if there is no limit.
+///
+/// # Errors
+/// If the system does not report it.
+pub fn most_open_files() -> io::Result<Option<u64>> {
+    imp::most_open_files()
+}
+
 /// Whether a process with this id is running.
 pub fn is_running(pid: u32) -> bool {
     imp::is_running(pid)
@@ -335,6 +343,10 @@ mod imp {
         i32::try_from(pid).ok().and_then(Pid::from_raw)
     }
 
+    pub(super) fn most_open_files() -> io::Result<Option<u64>> {
+        Ok(rustix::process::getrlimit(rustix::process::Resource::Nofile).current)
+    }
+
     pub(super) fn is_running(pid: u32) -> bool {
         // Another user's process cannot be signalled, but it is running.
         let tested = process(pid).map(test_kill_process);
@@ -442,6 +454,10 @@ mod imp {
     }
 
     pub(super) fn free_bytes(_path: &Path) -> io::Result<u64> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
+    pub(super) fn most_open_files() -> io::Result<Option<u64>> {
         Err(io::ErrorKind::Unsupported.into())
     }
 

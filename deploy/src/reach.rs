@@ -4,7 +4,7 @@ mod secured;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use skein_agent::link::Security;
@@ -14,10 +14,12 @@ use skein_common::topic::Branch;
 
 use crate::endpoints::{self, Endpoints};
 use crate::inventory::Inventory;
+use crate::inventory::find::{self, Unnamed};
 use crate::keys::Role;
 use crate::keys::run::RunFile;
 pub(crate) use secured::orders_key;
 use skein_lab::error::Error;
+use skein_lab::terminal::complain;
 
 /// Everything needed to connect to a swarm.
 #[derive(Clone, Debug)]
@@ -112,45 +114,70 @@ pub struct SwarmArgs {
     /// The swarm of this PC; not needed if only one flies here
     #[arg(long, global = true, value_name = "NAME", value_parser = |text: &str| SwarmName::new(text))]
     pub swarm: Option<SwarmName>,
-    /// The file of the cluster that it flies on
+    /// The file of the cluster that it flies on. Without -f and --swarm: the swarm that flies on this PC, or the cluster of the
+    /// file that the environment variable SKEIN_CLUSTER names, else of cluster.toml in this folder; if both can be meant,
+    /// the command is refused
     #[arg(short = 'f', long = "file", global = true, value_name = "CLUSTER.toml")]
     pub file: Option<PathBuf>,
 }
 
-impl SwarmArgs {
-    /// Returns how to connect to the chosen swarm in this role.
-    ///
-    /// # Errors
-    /// As [`Self::reach_teams`], or if it is a fleet of several teams.
-    pub fn reach(&self, role: Role) -> Result<Reach, Error> {
-        let mut reaches = self.reach_teams(role, &[])?;
-        match (reaches.pop(), reaches.len()) {
-            (Some(only), 0) => Ok(only),
-            (last, others) => Err(Error::Refused(format!(
-                "{} is a fleet of {} teams: choose one with --team N",
-                last.map_or_else(String::new, |last| last.swarm.to_string()),
-                others + 1
-            ))),
-        }
-    }
+/// Where the swarm of a command flies.
+#[derive(Clone, Debug)]
+pub enum Place {
+    /// On this PC, begun by `fly`.
+    Here(Endpoints),
+    /// On a cluster.
+    Cluster(Box<Inventory>),
+}
 
-    /// Returns how to connect to the chosen teams of the chosen swarm in this role; without `teams` to all of them, or to
-    /// the one swarm that has no teams.
+impl SwarmArgs {
+    /// Chooses the swarm: the one that an option names, else the only candidate of those that fly on this PC and of the
+    /// cluster that the environment or the current folder names. Announces on stderr what no option has named.
     ///
     /// # Errors
-    /// If the swarm is not found, or several fly here and none is chosen, or the cluster file or its keys are wrong, or
-    /// the fleet has no team of this number.
-    pub fn reach_teams(&self, role: Role, teams: &[TeamId]) -> Result<Vec<Reach>, Error> {
-        let mut reaches = match (&self.swarm, &self.file) {
+    /// If the swarm is not found, or there are several candidates, or the cluster file is wrong.
+    pub fn choose(&self) -> Result<Place, Error> {
+        let folder = endpoints::folder();
+        match (&self.swarm, &self.file) {
             (Some(_), Some(_)) => {
                 let why = "give either --swarm, for a swarm on this PC, or -f, for a cluster";
-                return Err(Error::Refused(why.to_owned()));
+                Err(Error::Refused(why.to_owned()))
             }
-            (None, Some(file)) => Inventory::read(file)?.reaches(role)?,
-            (swarm, None) => {
-                let there = endpoints::find(&endpoints::folder(), swarm.as_ref())?;
-                there.branches().into_iter().map(|branch| Reach::here(&there, branch)).collect()
-            }
+            (None, Some(file)) => Ok(Place::Cluster(Box::new(Inventory::read(file)?))),
+            (Some(swarm), None) => Ok(Place::Here(endpoints::find(&folder, Some(swarm))?)),
+            (None, None) => choose_unnamed(&folder, find::unnamed()),
+        }
+    }
+}
+
+/// Chooses the swarm that no option names. An order must not reach a swarm by surprise: if both a swarm of this PC and a
+/// cluster can be meant, neither is chosen.
+fn choose_unnamed(folder: &Path, cluster: Option<Unnamed>) -> Result<Place, Error> {
+    let Some(cluster) = cluster else {
+        let here = endpoints::find(folder, None)?;
+        complain(&format!("swarm {} on this PC", here.swarm));
+        return Ok(Place::Here(here));
+    };
+    if let Some(swarm) = endpoints::flying(folder).first() {
+        return Err(Error::Refused(format!(
+            "swarm {swarm} flies on this PC, and {cluster} can be meant too: choose with --swarm {swarm} or -f {}",
+            cluster.path.display()
+        )));
+    }
+    complain(&cluster.to_string());
+    Ok(Place::Cluster(Box::new(Inventory::read(&cluster.path)?)))
+}
+
+impl Place {
+    /// Returns how to connect to the chosen teams of the swarm in this role; without `teams` to all of them, or to the one
+    /// swarm that has no teams.
+    ///
+    /// # Errors
+    /// If the keys of the cluster are wrong, or the fleet has no team of this number.
+    pub fn reach_teams(&self, role: Role, teams: &[TeamId]) -> Result<Vec<Reach>, Error> {
+        let mut reaches: Vec<Reach> = match self {
+            Self::Cluster(inventory) => inventory.reaches(role)?,
+            Self::Here(there) => there.branches().into_iter().map(|branch| Reach::here(there, branch)).collect(),
         };
         let has = |team: TeamId| reaches.iter().any(|reach| reach.branch.team() == Some(team));
         if let Some(missing) = teams.iter().find(|team| !has(**team)) {
@@ -165,21 +192,65 @@ impl SwarmArgs {
         reaches.retain(|reach| teams.is_empty() || reach.branch.team().is_some_and(|team| teams.contains(&team)));
         Ok(reaches)
     }
+
+    /// The name of the swarm.
+    pub fn swarm(&self) -> &SwarmName {
+        match self {
+            Self::Here(there) => &there.swarm,
+            Self::Cluster(inventory) => &inventory.swarm,
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::net::TcpListener;
+
     use super::*;
     use crate::inventory::tests::{TEAMS, fleet, lab};
 
     #[test]
     fn a_swarm_on_this_pc_and_a_cluster_cannot_both_be_chosen() {
         let both = SwarmArgs { swarm: SwarmName::new("lab").ok(), file: Some("cluster.toml".into()) };
-        let error = both.reach(Role::Observer).unwrap_err();
+        let error = both.choose().unwrap_err();
         assert_eq!(error.to_string(), "give either --swarm, for a swarm on this PC, or -f, for a cluster");
         let missing = SwarmArgs { swarm: None, file: Some("no such/cluster.toml".into()) };
-        let error = missing.reach(Role::Observer).unwrap_err();
+        let error = missing.choose().unwrap_err();
         assert!(error.exit_code() == 2 && error.to_string().contains("no such/cluster.toml"), "{error}");
+    }
+
+    #[test]
+    fn without_an_option_a_swarm_is_chosen_only_if_no_other_can_be_meant() {
+        let place = tempfile::tempdir().unwrap();
+        let runtime = place.path().join("skein");
+        let inventory = lab(place.path(), 2, "security = 'none'");
+        let cluster = |by_variable| Some(Unnamed { path: inventory.path.clone(), by_variable });
+        let error = choose_unnamed(&runtime, None).unwrap_err();
+        assert!(error.exit_code() == 1 && error.to_string().starts_with("no swarm flies here"), "{error}");
+        let chosen = choose_unnamed(&runtime, cluster(false)).unwrap();
+        assert!(matches!(&chosen, Place::Cluster(chosen) if chosen.nodes.len() == 2), "{chosen:?}");
+
+        let agent = TcpListener::bind("127.0.0.1:0").unwrap();
+        let there = Endpoints {
+            swarm: SwarmName::new("hover").unwrap(),
+            pid: 1,
+            out: place.path().to_owned(),
+            agents: BTreeMap::from([(
+                VehicleId::first(1).next().unwrap().into(),
+                format!("tcp/{}", agent.local_addr().unwrap()),
+            )]),
+        };
+        let _file = there.leave(&runtime).unwrap();
+        assert!(matches!(choose_unnamed(&runtime, None).unwrap(), Place::Here(chosen) if chosen == there));
+        for by_variable in [false, true] {
+            let error = choose_unnamed(&runtime, cluster(by_variable)).unwrap_err();
+            let both = format!("choose with --swarm hover or -f {}", inventory.path.display());
+            assert!(error.exit_code() == 2 && error.to_string().ends_with(&both), "{error}");
+            assert_eq!(error.to_string().contains("SKEIN_CLUSTER"), by_variable, "{error}");
+        }
+        drop(agent);
+        let chosen = choose_unnamed(&runtime, cluster(true)).unwrap();
+        assert!(matches!(chosen, Place::Cluster(_)), "the swarm of this PC has ended");
     }
 
     #[test]
@@ -189,16 +260,15 @@ mod tests {
         let args = SwarmArgs { swarm: None, file: Some(folder.path().join("cluster.toml")) };
         let teams = |numbers: &[u16]| {
             let teams: Vec<_> = numbers.iter().map(|number| TeamId::new(*number).unwrap()).collect();
-            let reaches = args.reach_teams(Role::Operator, &teams).map_err(|error| error.to_string())?;
+            let reaches =
+                args.choose().unwrap().reach_teams(Role::Operator, &teams).map_err(|error| error.to_string())?;
             Ok::<_, String>(reaches.iter().map(|reach| (reach.title(), reach.agents.len())).collect::<Vec<_>>())
         };
         assert_eq!(teams(&[]).unwrap().len(), 3);
         assert_eq!(teams(&[2]).unwrap(), [("team 2 of fleet lab".to_owned(), 3)]);
         assert_eq!(teams(&[1, 4]).unwrap_err(), "fleet lab has teams 1 to 3, not 4");
-        let error = args.reach(Role::Observer).unwrap_err().to_string();
-        assert_eq!(error, "lab is a fleet of 3 teams: choose one with --team N");
         let alone = lab(folder.path(), 2, "security = 'none'");
-        assert_eq!(args.reach(Role::Observer).unwrap().agents.len(), alone.nodes.len());
+        assert_eq!(teams(&[]).unwrap()[0].1, alone.nodes.len());
         assert_eq!(teams(&[1]).unwrap_err(), "--teams: lab is one swarm without teams");
     }
 

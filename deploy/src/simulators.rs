@@ -28,7 +28,7 @@ impl std::str::FromStr for HostPort {
         let port = if port.is_empty() && !text.contains(':') { Ok(wire::PORT) } else { port.parse() };
         match port {
             Ok(port) if port > 0 && !host.is_empty() => Ok(Self { host: host.to_owned(), port }),
-            _ => Err("has to be HOST:PORT".to_owned()),
+            _ => Err("has to be HOST or HOST:PORT, such as 10.0.0.7:49000".to_owned()),
         }
     }
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
@@ -211,6 +211,32 @@ impl Flight {
     }
 }
 
+/// Checks the lines of `--json`: each has its kind and times, in order, and the last has the figures.
+fn streams_the_flight(lines: &[Value], metrics: &Value, out: &Path) {
+    let of = |kind: &str| lines.iter().filter(|line| line["kind"] == kind).collect::<Vec<_>>();
+    let first = |kind: &str| lines.iter().position(|line| line["kind"] == kind).unwrap_or_else(|| panic!("no {kind}"));
+    let places = ["began", "active", "window", "landing", "landed", "result"].map(first);
+    assert!(places.is_sorted() && places[0] == 0 && places[5] == lines.len() - 1, "{places:?} of {}", lines.len());
+    assert_eq!((&lines[0]["ids"], &lines[0]["duration_s"]), (&serde_json::json!([1, 2, 3]), &20.0.into()));
+    assert_eq!((of("active").len(), of("landed").len(), of("window").len()), (3, 3, 1));
+    assert!(
+        of("window")[0]["t_s"] == 0.0
+            && of("active")[0]["t_s"].is_null()
+            && of("landed")[0]["t_s"].as_f64() > Some(20.0)
+    );
+    let progress = of("progress");
+    assert!((2..=6).contains(&progress.len()), "{progress:?}");
+    assert!(
+        progress.iter().all(|line| line["vehicles"].as_array().is_some_and(|rows| rows.len() == 3)),
+        "{progress:?}"
+    );
+    assert!(progress[1]["vehicles"][0]["altitude_m"].as_f64().is_some_and(|high_m| high_m > 1.0), "{progress:?}");
+    let mut result = lines[lines.len() - 1].as_object().unwrap().clone();
+    let own = ["kind", "at_s", "t_s", "error", "notes", "out"].map(|key| result.remove(key).unwrap());
+    assert_eq!((&own[3], &own[4], own[5].as_str()), (&Value::Null, &serde_json::json!([]), out.to_str()));
+    assert_eq!(&Value::Object(result), metrics);
+}
+
 #[test]
 fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
     let place = Place::new("whole");
@@ -221,8 +247,10 @@ fn a_flight_of_twenty_seconds_leaves_its_files_and_no_process() {
     assert_eq!(place.endpoint_files(), 0);
 
     let metrics = place.metrics();
-    let printed: Value = serde_json::from_slice(&flown.stdout).expect("only JSON on stdout");
-    assert_eq!(printed, metrics);
+    let lines = String::from_utf8(flown.stdout).unwrap();
+    let lines: Vec<Value> =
+        lines.lines().map(|line| serde_json::from_str(line).expect("only JSON on stdout, an object a line")).collect();
+    streams_the_flight(&lines, &metrics, &place.out());
     assert_eq!(
         (&metrics["plant"], &metrics["target"], &metrics["seed"]),
         (&"builtin".into(), &"fly".into(), &5.into())
@@ -339,15 +367,19 @@ fn a_swarm_whose_launcher_is_killed_flies_on_until_it_is_ordered_to_land() {
 
     let refused = place.order("hold");
     assert_eq!(refused.status.code(), Some(1));
-    assert_eq!(String::from_utf8_lossy(&refused.stderr), "no vehicle of swarm orphaned answered\n");
+    assert_eq!(
+        String::from_utf8_lossy(&refused.stderr),
+        "swarm orphaned on this PC\nno vehicle of swarm orphaned answered\n"
+    );
 }
 
 /// Gives orders to three vehicles whose mission has one step; at the end they land.
 fn orders_report_their_effect(place: &Place) {
     let order = |line: &str| {
         let output = place.command().arg("order").args(line.split(' ')).output().unwrap();
-        let text = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-        (output.status.code(), text)
+        let errors = String::from_utf8(output.stderr).unwrap();
+        let errors = errors.strip_prefix("swarm orphaned on this PC\n").expect("the swarm that was chosen");
+        (output.status.code(), String::from_utf8(output.stdout).unwrap() + errors)
     };
     let printed = |code, text: &str| (Some(code), format!("{text}\n"));
     assert_eq!(order("goto 5"), printed(2, "the mission has no step 5: its only step is 0"));
@@ -356,6 +388,15 @@ fn orders_report_their_effect(place: &Place) {
     assert_eq!(order("hold"), printed(0, held));
     assert_eq!(order("hold"), printed(1, "hold: no effect: vehicle 1-3: held at step 0, as before"));
     let on = "goto 0: accepted by vehicle 1-3; vehicle 1-3: held at step 0 -> step 0";
+    assert_eq!(order("goto 0"), printed(0, on));
+    let (status, object) = order("hold --json");
+    let object: Value = serde_json::from_str(&object).expect("one object and nothing else");
+    assert_eq!((status, &object["order"], &object["swarm"]), (Some(0), &"hold".into(), &"orphaned".into()));
+    assert_eq!((&object["accepted"], &object["silent"]), (&serde_json::json!([1, 2, 3]), &serde_json::json!([])));
+    assert_eq!(
+        object["changes"][2],
+        serde_json::json!({ "vehicle": 3, "before": "step 0", "after": "held at step 0" })
+    );
     assert_eq!(order("goto 0"), printed(0, on));
     assert_eq!(order("abort"), printed(0, "abort: accepted by vehicle 1-3; vehicle 1-3: step 0 -> aborted"));
     assert_eq!(

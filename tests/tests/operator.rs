@@ -240,3 +240,52 @@ fn up_does_not_join_a_run_that_only_one_host_reports() {
     pc.answers(&only_the_first(Pc::facts(Some(5), &Value::Null), Pc::facts(Some(6), &Value::Null)));
     refused("no run has a majority of the 2 vehicles");
 }
+
+#[test]
+fn a_variable_names_the_cluster_file_in_every_folder() {
+    let pc = Pc::new(1, "127.77.9", "tls");
+    fs::create_dir(pc.path("elsewhere")).unwrap();
+    let keys = |variable: Option<PathBuf>| {
+        let mut command = Command::new(PROGRAM);
+        command.args(["cluster", "keys"]).current_dir(pc.path("elsewhere")).env_remove("SKEIN_CLUSTER");
+        let output = command.envs(variable.map(|path| ("SKEIN_CLUSTER", path))).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (status, error) = keys(None);
+    assert!(status == Some(2) && error.contains("SKEIN_CLUSTER"), "{error}");
+    let (status, error) = keys(Some(pc.path("cluster.toml")));
+    assert_eq!(status, Some(0), "{error}");
+    assert!(error.contains("cluster.toml (named by SKEIN_CLUSTER)"), "{error}");
+    assert!(pc.path("keys/authority.pem").is_file());
+}
+
+#[test]
+fn the_doctor_reports_a_fault_with_its_remedy() {
+    let pc = Pc::new(1, "127.77.10", "none");
+    fs::write(pc.path("file"), "").unwrap();
+    let doctor = |runs: &str, options: &[&str]| {
+        let mut command = Command::new(PROGRAM);
+        command.arg("doctor").args(["--wait", "0"]).args(options).current_dir(pc.folder.path());
+        command.env("XDG_RUNTIME_DIR", pc.path("runtime")).env("SKEIN_RUNS", pc.path(runs));
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (status, out, err) = doctor("runs", &["--json"]);
+    let lines: Vec<Value> = serde_json::from_str(&out).unwrap();
+    let line = |lines: &[Value], what: &str| lines.iter().find(|line| line["what"] == what).unwrap().clone();
+    assert_eq!(status, Some(0), "{out}{err}");
+    for what in ["processor", "clock", "priority", "memory", "open files", "loopback", "ports", "firewall", "X-Plane"] {
+        let line = line(&lines, what);
+        assert!(line["found"].as_str().is_some_and(|found| !found.is_empty()), "{line}");
+        assert!(line["state"] != "warning" || line["remedy"].is_string(), "{line}");
+    }
+    assert_eq!(line(&lines, "runs")["state"], "good");
+    assert!(!pc.path("runs").exists(), "a check writes nothing");
+
+    let (status, out, err) = doctor("file/runs", &["--json"]);
+    let runs = line(&serde_json::from_str::<Vec<Value>>(&out).unwrap(), "runs");
+    assert_eq!((status, err.as_str(), &runs["state"]), (Some(1), "1 fault prevents a flight\n", &"fault".into()));
+    assert!(runs["remedy"].as_str().unwrap().contains("SKEIN_RUNS"), "{runs}");
+    let (_, table, _) = doctor("file/runs", &[]);
+    assert!(table.contains("FAULT") && table.contains("SKEIN_RUNS"), "{table}");
+}

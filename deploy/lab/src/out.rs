@@ -18,11 +18,7 @@ const RUNS_VARIABLE: &str = "SKEIN_RUNS";
 pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
     let out = match out {
         Some(out) => out.to_owned(),
-        None => {
-            let runs = env::var_os(RUNS_VARIABLE).filter(|runs| !runs.is_empty());
-            let runs = runs.map_or_else(|| PathBuf::from("skein-runs"), PathBuf::from);
-            fresh(&runs.join(format!("{name}-{}", clock::utc_name())))
-        }
+        None => fresh(&runs().join(format!("{name}-{}", clock::utc_name()))),
     };
     let out = std::path::absolute(&out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))?;
     let refused = |why: &str| Err(Error::Refused(format!("--out {}: {why}", out.display())));
@@ -32,6 +28,25 @@ pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
         Err(_) if out.exists() => refused("not a folder that can be written to"),
         Err(_) => Ok(out),
     }
+}
+
+/// Creates a folder for what is written.
+///
+/// # Errors
+/// If it cannot be created: the reason, and how to choose another.
+pub fn create(out: &Path) -> Result<(), Error> {
+    fs::create_dir_all(out).map_err(|error| {
+        Error::Failed(format!(
+            "{}: the folder cannot be created: {error}; choose another with --out, or with the environment variable {RUNS_VARIABLE}",
+            out.display()
+        ))
+    })
+}
+
+/// The folder of the runs without an `--out`: the one that `SKEIN_RUNS` names, without it `skein-runs`.
+pub fn runs() -> PathBuf {
+    let runs = env::var_os(RUNS_VARIABLE).filter(|runs| !runs.is_empty());
+    runs.map_or_else(|| PathBuf::from("skein-runs"), PathBuf::from)
 }
 
 /// The path itself if it is free, otherwise the path with the first number behind it that makes it new.

@@ -74,7 +74,7 @@ pub enum RecordError {
         error: std::io::Error,
     },
     /// The file is not an MCAP file.
-    #[error("not an MCAP file")]
+    #[error("not an MCAP file, so no recording")]
     NoMcap,
     /// The file was not written by Skein, or is cut off before its scenario.
     #[error("not a recording of Skein: {0} is missing")]

@@ -148,11 +148,28 @@ impl ScenarioArgs {
         let (None, Some(path)) = (self.shipped(), &self.scenario) else {
             return Ok(self.shipped().unwrap_or(HOVER).text.to_owned());
         };
+        if path.extension().is_some_and(|ending| ending == "mcap") {
+            let shown = path.display();
+            return Err(Error::Refused(format!(
+                "{shown}: this is a recording, not a scenario; `skein report {shown}` draws it"
+            )));
+        }
         fs::read_to_string(path).map_err(|error| {
             let similar = path.to_str().filter(|_| error.kind() == io::ErrorKind::NotFound);
             let similar = similar.and_then(shipped::most_similar);
-            let help = similar.map(|name| format!("; did you mean the shipped scenario {name}?")).unwrap_or_default();
-            Error::Refused(format!("{}: {error}{help}", path.display()))
+            let shown = path.display();
+            Error::Refused(match (similar, error.kind()) {
+                (Some(name), _) => format!("{shown}: {error}; did you mean the shipped scenario {name}?"),
+                (None, io::ErrorKind::NotFound) => format!(
+                    "{shown}: {error}; `skein scenarios` lists the shipped scenarios, `skein new scenario NAME` writes a file"
+                ),
+                (None, io::ErrorKind::IsADirectory) if path.join("scenario.toml").is_file() => {
+                    format!("{shown} is a folder; the scenario of that run is {}", path.join("scenario.toml").display())
+                }
+                (None, io::ErrorKind::IsADirectory) => format!("{shown} is a folder, not a scenario file"),
+                (None, io::ErrorKind::InvalidData) => format!("{shown}: not a text, so no scenario file"),
+                (None, _) => format!("{shown}: {error}"),
+            })
         })
     }
 

@@ -32,7 +32,7 @@ use crate::metrics::{Metrics, Report, VehicleNow};
 use crate::recording::Watch;
 use crate::world::{World, WorldError};
 pub use batch::{Batch, Pilot, Replaced};
-pub use command::{StudyArgs, run};
+pub use command::{StudyArgs, run, seed};
 pub use fleet::{FleetRecording, FleetStudy};
 use flight::{SeedFlight, fly_side_by_side};
 pub use planned::{Progress, fly_planned};

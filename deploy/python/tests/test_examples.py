@@ -1,6 +1,8 @@
 """The shipped examples: the notebook, and the law that is learned."""
 
+import os
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -48,3 +50,19 @@ def test_the_bench_prints_a_ratio(capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["bench_env.py", "--worlds", "2", "--duration", "2", "--repeat", "1"])
     runpy.run_path(str(EXAMPLES / "bench_env.py"), run_name="__main__")
     assert float(capsys.readouterr().out.split()[-1]) > 0
+
+
+def test_the_script_of_a_new_study_runs_and_resumes(tmp_path):
+    subprocess.run([skein.program(), "new", "study", "mine", "--lang", "python"], cwd=tmp_path, check=True)
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "mine.py", "--seeds", "2"],
+            cwd=tmp_path,
+            env={**os.environ, "MPLBACKEND": "agg"},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        assert "verdict" in done.stdout and (tmp_path / "mine.png").is_file(), done.stdout
+    assert len(skein.load(tmp_path / "mine").runs) == 6
+    assert len(skein.load(tmp_path / "mine-bare").runs) == 6

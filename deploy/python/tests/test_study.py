@@ -155,3 +155,17 @@ def test_a_sweep_is_drawn_with_its_medians():
     assert ax.get_ylabel() == "min_separation_m, m"
     with pytest.raises(KeyError, match="formation.radius_m is not swept"):
         plot.sweep(flown, "formation.radius_m", "collisions")
+
+
+def test_runs_become_a_parquet_file_with_the_same_bits(tmp_path, same_bits, monkeypatch):
+    flown = skein.study("hover", seeds=2, set=SHORT, out=tmp_path / "flown", parquet=True, record=False)
+    same_bits(flown.runs, pd.read_parquet(tmp_path / "flown" / "runs.parquet"))
+    again = skein.load(tmp_path / "flown").to_parquet(tmp_path / "other.parquet")
+    pd.testing.assert_frame_equal(flown.runs, pd.read_parquet(again))
+
+    def without_pyarrow(*_, **__):
+        raise ImportError("no pyarrow")
+
+    monkeypatch.setattr(pd.DataFrame, "to_parquet", without_pyarrow)
+    with pytest.raises(skein.SkeinError, match="pip install pyarrow"):
+        flown.to_parquet()

@@ -24,22 +24,22 @@ const LOGIN: Duration = Duration::from_secs(7);
 
 /// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct Line {
+pub(crate) struct Line {
     /// The node or host.
-    place: String,
+    pub(crate) place: String,
     /// What was checked.
-    what: &'static str,
-    state: State,
+    pub(crate) what: &'static str,
+    pub(crate) state: State,
     /// What was found.
-    found: String,
+    pub(crate) found: String,
     /// What to do about it.
-    remedy: Option<String>,
+    pub(crate) remedy: Option<String>,
 }
 
 /// Verdict of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum State {
+pub(crate) enum State {
     Good,
     /// It does not prevent a flight.
     Warning,
@@ -48,8 +48,20 @@ pub(super) enum State {
     Unknown,
 }
 
+impl State {
+    /// The state as the tables show it.
+    pub(crate) fn label(self) -> &'static str {
+        match self {
+            Self::Good => "ok",
+            Self::Warning => "warning",
+            Self::Fault => "FAULT",
+            Self::Unknown => "?",
+        }
+    }
+}
+
 impl Line {
-    fn new(place: impl Into<String>, what: &'static str, found: impl Into<String>) -> Self {
+    pub(crate) fn new(place: impl Into<String>, what: &'static str, found: impl Into<String>) -> Self {
         Self { place: place.into(), what, state: State::Good, found: found.into(), remedy: None }
     }
 
@@ -57,15 +69,15 @@ impl Line {
         Self::new(format!("node {}", node.id), what, found)
     }
 
-    fn fault(self, remedy: impl Into<String>) -> Self {
+    pub(crate) fn fault(self, remedy: impl Into<String>) -> Self {
         Self { state: State::Fault, remedy: Some(remedy.into()), ..self }
     }
 
-    fn warning(self, remedy: impl Into<String>) -> Self {
+    pub(crate) fn warning(self, remedy: impl Into<String>) -> Self {
         Self { state: State::Warning, ..self.fault(remedy) }
     }
 
-    fn unknown(self) -> Self {
+    pub(crate) fn unknown(self) -> Self {
         Self { state: State::Unknown, ..self }
     }
 
@@ -84,6 +96,14 @@ pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
     let inventory = Inventory::read(file)?;
     let lines = check_all(&inventory, &file.display().to_string());
     skein_lab::terminal::say(&if json { skein_lab::terminal::json(&lines) } else { as_table(&lines) });
+    verdict(&lines)
+}
+
+/// Counts the faults.
+///
+/// # Errors
+/// If there is one.
+pub(crate) fn verdict(lines: &[Line]) -> Result<(), Error> {
     match lines.iter().filter(|line| line.state == State::Fault).count() {
         0 => Ok(()),
         1 => Err(Error::Failed("1 fault prevents a flight".to_owned())),
@@ -123,13 +143,8 @@ fn check_all(inventory: &Inventory, file: &str) -> Vec<Line> {
 
 fn as_table(lines: &[Line]) -> String {
     let row = |line: &Line| {
-        let state = match line.state {
-            State::Good => "ok",
-            State::Warning => "warning",
-            State::Fault => "FAULT",
-            State::Unknown => "?",
-        };
-        let cells = [&*line.place, line.what, state, &line.found, line.remedy.as_deref().unwrap_or_default()];
+        let cells =
+            [&*line.place, line.what, line.state.label(), &line.found, line.remedy.as_deref().unwrap_or_default()];
         cells.map(str::to_owned).to_vec()
     };
     nodes::table(&["where", "what", "", "found", "remedy"], lines.iter().map(row))

@@ -4,6 +4,7 @@
 //! A second run changes nothing. A revocation issues the certificate again under another name and with another key. Agents
 //! accept only the names and keys in `names.toml`, so a revocation takes effect with the next `install`.
 
+use std::path::Path;
 use std::str::FromStr;
 
 use serde_json::json;
@@ -85,14 +86,15 @@ pub struct KeyFileLine {
 /// # Errors
 /// If the cluster has no security, others can read the folder, or a file cannot be written.
 pub fn run(args: &KeysArgs) -> Result<(), Error> {
-    let inventory = Inventory::read(&args.file.file)?;
+    let path = args.file.path();
+    let inventory = Inventory::read(&path)?;
     let lines = make(&inventory, args.renew, args.revoke, clock::utc())?;
     let changed = lines.iter().any(|line| line.done.is_some());
     if args.json {
         skein_lab::terminal::say(&skein_lab::terminal::json(&as_json(&inventory, &lines)));
     } else {
         skein_lab::terminal::say(&as_table(&lines));
-        let next = if changed { next(args) } else { "nothing had to be done".to_owned() };
+        let next = if changed { next(args.revoke, &path) } else { "nothing had to be done".to_owned() };
         skein_lab::terminal::say(&format!("keys are in {}; {next}\n", inventory.keys.display()));
     }
     Ok(())
@@ -100,9 +102,9 @@ pub fn run(args: &KeysArgs) -> Result<(), Error> {
 
 /// Returns the commands that put new keys into effect. A vehicle with a new key is refused by peers that know only the
 /// old one: restarted one by one, a part of the swarm would fly without it.
-fn next(args: &KeysArgs) -> String {
-    let file = args.file.file.display();
-    match args.revoke {
+fn next(revoke: Option<Whose>, path: &Path) -> String {
+    let file = path.display();
+    match revoke {
         Some(Whose::One(Role::Vehicle(_))) => {
             format!("next: skein cluster down, install, up, each with -f {file}: in flight some peers would refuse it")
         }

@@ -12,7 +12,7 @@ use skein_common::id::VehicleName;
 use super::nodes::{self, Chosen};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, Ssh, at_once};
-use crate::inventory::Node;
+use crate::inventory::{Node, find};
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -30,10 +30,10 @@ pub struct LogsArgs {
     /// Only these nodes; without any all
     #[arg(value_name = "NODE", value_parser = node)]
     pub nodes: Vec<VehicleName>,
-    /// The cluster's file
-    #[arg(short = 'f', long, value_name = "CLUSTER.toml", default_value = "cluster.toml", value_parser = file)]
-    #[arg(num_args = 0..=1, default_missing_value = "")]
-    pub file: PathBuf,
+    /// The cluster's file; without it the one that the environment variable SKEIN_CLUSTER names, else cluster.toml of this
+    /// folder
+    #[arg(short = 'f', long, value_name = "CLUSTER.toml", value_parser = file, num_args = 0..=1, default_missing_value = "")]
+    pub file: Option<PathBuf>,
     /// Follow the logs with new lines, until Ctrl-C
     #[arg(short = 'F', long)]
     pub follow: bool,
@@ -68,7 +68,7 @@ fn file(text: &str) -> Result<PathBuf, String> {
 /// # Errors
 /// If the cluster file is wrong, or a host could not be asked; the logs of the others are shown then.
 pub fn run(args: &LogsArgs) -> Result<(), Error> {
-    let chosen = Chosen::read(&args.file, &args.nodes)?;
+    let chosen = Chosen::read(&find::of_option(args.file.as_deref()), &args.nodes)?;
     let ssh = Ssh::new(args.verbose);
     let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
     for node in chosen.manual() {

@@ -43,7 +43,7 @@ impl NodesArgs {
     /// # Errors
     /// If the file is wrong, or has no such node.
     pub fn read(&self) -> Result<Chosen, Error> {
-        Chosen::read(&self.file.file, &self.nodes)
+        Chosen::read(&self.file.path(), &self.nodes)
     }
 
     /// Makes the caller of hosts.

@@ -212,9 +212,10 @@ impl HealthReport {
 /// # Errors
 /// If the swarm cannot be observed, a node does not report, or one is faulty.
 pub fn run(args: &StatusArgs) -> Result<(), Error> {
-    let inventory = Inventory::read(&args.file.file)?;
+    let path = args.file.path();
+    let inventory = Inventory::read(&path)?;
     let mut observer = Observers::open(&inventory.reaches(Role::Observer)?, TraceSubscription::Off)?;
-    let file = args.file.file.display().to_string();
+    let file = path.display().to_string();
     let mut until = clock::now() + LISTEN;
     let mut is_first = true;
     loop {

@@ -4,15 +4,17 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use skein_agent::config::fleet;
 use skein_common::frame::Origin;
 use skein_common::id::TeamId;
-use skein_common::scenario::{RecordRuns, Scenario, TeamInFleet};
+use skein_common::scenario::{Described, RecordRuns, Scenario, TeamInFleet};
 
 use super::flight::{Flight, FlightResult};
 use super::launch::{Site, prepare_site};
 use super::plan::Plans;
 use super::screen::Screen;
 use super::status::{self, FlightStatus};
+use super::stream::{Happened, Line, Stream};
 use crate::endpoints::EndpointsFile;
 use crate::os::Interrupts;
 use crate::record::{FleetRecorder, told};
@@ -41,7 +43,8 @@ pub struct Flights {
     out: PathBuf,
     screen: Screen,
     interrupts: Interrupts,
-    json: bool,
+    /// `--json`.
+    stream: Option<Stream>,
     /// There while the swarms are.
     file: EndpointsFile,
 }
@@ -62,9 +65,10 @@ impl Flights {
         let recorder = is_recorded.then(recorder).transpose()?;
         let begin = |plan| Flight::begin(plan, &described, &endpoints, gather_within);
         let running = plans.into_iter().map(begin).collect::<Result<Vec<_>, _>>()?;
+        let stream = json.then(|| begin_stream(&described, &out)).transpose()?;
         let screen = Screen::open(json);
         let (over, statuses) = (Vec::new(), Vec::new());
-        Ok(Self { running, over, statuses, separations, recorder, out, screen, interrupts, json, file })
+        Ok(Self { running, over, statuses, separations, recorder, out, screen, interrupts, stream, file })
     }
 
     /// Flies all of them to the end.
@@ -85,6 +89,7 @@ impl Flights {
                 separations.observe(&self.running, now);
             }
             self.record(now);
+            self.stream(now);
             if over.len() == self.running.len() {
                 break;
             }
@@ -104,7 +109,7 @@ impl Flights {
             clock::sleep(next.saturating_duration_since(clock::now()));
         }
         self.draw(clock::now(), true);
-        let Self { running, mut over, separations, recorder, screen, json, file, out, .. } = self;
+        let Self { running, mut over, separations, recorder, screen, stream, file, out, .. } = self;
         over.extend(running.into_iter().map(Flight::end));
         over.sort_by_key(|result| result.plan.scenario().team.map(|team| team.id));
         // The terminal is restored before anything is written to it.
@@ -112,28 +117,47 @@ impl Flights {
         if over.iter().any(|result| result.leaves) {
             file.stay();
         }
-        for result in &over {
-            let notes = shown(result.plan.scenario(), result.notes.clone());
-            notes.iter().for_each(|note| skein_lab::terminal::complain(note));
-        }
-        if let Some(note) = recorder.and_then(|recorder| told(recorder.finish())) {
-            skein_lab::terminal::complain(&note);
-        }
-        match &separations {
-            None => over.iter().for_each(|result| say(result, json)),
-            Some(separations) => {
-                let report = report(&over, &separations.across);
-                let json_text = skein_lab::terminal::json(&report);
-                let traffic: Vec<_> = over.iter().flat_map(|result| result.traffic.iter().cloned()).collect();
-                write(&out.join("teams.csv"), &report.teams_csv())?;
-                write(&out.join(TRAFFIC_FILE), &traffic_csv(&traffic))?;
-                write(&out.join("metrics.json"), &json_text)?;
-                skein_lab::terminal::say(&if json { json_text } else { text(&over, &report, &out) });
-            }
-        }
+        let notes = over.iter().flat_map(|result| shown(result.plan.scenario(), result.notes.clone()));
+        let notes: Vec<String> = notes.chain(recorder.and_then(|recorder| told(recorder.finish()))).collect();
+        notes.iter().for_each(|note| skein_lab::terminal::complain(note));
         let failures = over.iter().filter_map(|result| Some((result.plan.scenario(), result.verdict().err()?)));
         let failures: Vec<_> = failures.flat_map(|(scenario, why)| shown(scenario, vec![why])).collect();
-        if failures.is_empty() { Ok(()) } else { Err(Error::Failed(failures.join("; "))) }
+        let verdict = if failures.is_empty() { Ok(()) } else { Err(Error::Failed(failures.join("; "))) };
+        let fleet = separations.map(|separations| report(&over, &separations.across));
+        let written = fleet.as_ref().map_or(Ok(()), |report| write_fleet(&over, report, &out));
+        let done = verdict.and(written);
+        match (stream, fleet) {
+            (Some(stream), fleet) => {
+                let error = done.as_ref().err().map(ToString::to_string);
+                let about = (error.as_deref(), notes.as_slice());
+                let (now, out) = (clock::now(), out.display().to_string());
+                match (&fleet, over.first()) {
+                    (Some(report), _) => stream.end(now, Some(report), about, &out),
+                    (None, first) => stream.end(now, first.and_then(|only| only.report.as_ref()), about, &out),
+                }
+            }
+            (None, Some(report)) => skein_lab::terminal::say(&text(&over, &report, &out)),
+            (None, None) => {
+                over.iter().filter_map(FlightResult::summary).for_each(|text| skein_lab::terminal::say(&text))
+            }
+        }
+        done
+    }
+
+    /// Writes what has happened to the stream of `--json`.
+    fn stream(&mut self, now: Instant) {
+        let is_due = self.stream.as_ref().is_some_and(|stream| stream.is_due(now));
+        let status = is_due.then(|| self.status(now));
+        for flight in &mut self.running {
+            let happened = flight.take_happened();
+            let team = flight.scenario().team.map(|team| team.id);
+            if let Some(stream) = &self.stream {
+                happened.iter().for_each(|happened| stream.write(team, happened));
+            }
+        }
+        if let (Some(stream), Some(status)) = (&mut self.stream, status) {
+            stream.progress(now, &status);
+        }
     }
 
     /// Records where the vehicles are, and what has happened, from the moment when all teams are active.
@@ -184,9 +208,33 @@ fn shown(scenario: &Scenario, lines: Vec<String>) -> Vec<String> {
     lines.into_iter().map(|line| format!("team {}: {line}", team.id)).collect()
 }
 
-fn say(result: &FlightResult, json: bool) {
-    let text = if json { result.report.as_ref().map(skein_lab::terminal::json) } else { result.summary() };
-    text.iter().for_each(|text| skein_lab::terminal::say(text));
+/// Begins the stream of `--json` with its first line.
+fn begin_stream(described: &Described, out: &Path) -> Result<Stream, Error> {
+    let now = clock::now();
+    let stream = Stream::begin(now)?;
+    let scenarios = || described.all().iter().map(|team| &team.scenario);
+    let first = &described.first().scenario;
+    let run = match first.team {
+        Some(team) => Run::of_fleet(scenarios(), team.seed, "fly"),
+        None => Run::new(first, "fly"),
+    };
+    let line = Line::Began {
+        swarm: first.swarm.name.to_string(),
+        ids: scenarios().flat_map(fleet::names).collect(),
+        duration_s: first.duration_s,
+        out: out.display().to_string(),
+        run,
+    };
+    stream.write(None, &Happened { at: now, window_s: None, line });
+    Ok(stream)
+}
+
+/// Writes the figures of a fleet into its folder.
+fn write_fleet(over: &[FlightResult], report: &FleetReport, out: &Path) -> Result<(), Error> {
+    let traffic: Vec<_> = over.iter().flat_map(|result| result.traffic.iter().cloned()).collect();
+    write(&out.join("teams.csv"), &report.teams_csv())?;
+    write(&out.join(TRAFFIC_FILE), &traffic_csv(&traffic))?;
+    write(&out.join("metrics.json"), &skein_lab::terminal::json(report))
 }
 
 /// The separations of vehicles of different teams, both in the air.

@@ -35,6 +35,7 @@ use super::launch::launch;
 use super::plan::Plan;
 use super::script::{self, ScriptedAction};
 use super::status::{self, Ending, FlightStatus, Known, Stage};
+use super::stream::{Happened, Line};
 use crate::endpoints::Endpoints;
 use crate::landing;
 use crate::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
@@ -100,6 +101,8 @@ pub struct Flight {
     lost: Vec<String>,
     /// What happened to a team and is not in the recording of its fleet yet.
     noted: Vec<(Instant, NotedKind)>,
+    /// What happened and is not in the stream of `--json` yet.
+    happened: Vec<Happened>,
     /// What went wrong, though the flight came to its end.
     failure: Option<String>,
     /// Its user has asked twice: everything ends at once.
@@ -190,6 +193,7 @@ impl Flight {
             journal: Journal::default(),
             lost: Vec::new(),
             noted: Vec::new(),
+            happened: Vec::new(),
             failure: None,
             is_broken_off: false,
             plan,
@@ -235,6 +239,7 @@ impl Flight {
                     }
                     self.record(|recorder| recorder.happened(at, &event));
                     self.note(at, NotedKind::Event(event.header.sender, event.what));
+                    self.stream(at, Line::of_event(event.header.sender, event.what));
                     self.show_event(now, &event);
                 }
                 _ => {}
@@ -267,6 +272,7 @@ impl Flight {
                 self.zero = Some(Zero { at: now, plant_s: self.plant_s(now).collect() });
                 self.record(|recorder| recorder.window_begins(now));
                 self.enter(Stage::Flying, now);
+                self.stream(now, Line::Window);
                 self.report_news(now, "all vehicles active, the clock runs".to_owned());
             }
             Stage::Gathering if now.duration_since(self.since) > self.gather_within => {
@@ -356,6 +362,7 @@ impl Flight {
         self.enter(Stage::Landing, now);
         self.end_events(now);
         self.order(now, Verb::Land);
+        self.stream(now, Line::Landing);
         self.report_news(now, "all vehicles are ordered to land".to_owned());
         self.announce_landing(now);
     }

@@ -17,6 +17,7 @@ use super::plan::Plan;
 use crate::endpoints::{self, Endpoints, EndpointsFile};
 use crate::ports;
 use skein_lab::error::Error;
+use skein_lab::out;
 
 /// A place on this PC for a swarm or a fleet.
 #[derive(Debug)]
@@ -38,7 +39,8 @@ fn failed(what: &str, error: io::Error) -> Error {
 pub fn prepare_site(described: &Described, out: &Path) -> Result<Site, Error> {
     let swarm = &described.first().scenario.swarm.name;
     refuse_a_second(swarm)?;
-    let written = fs::create_dir_all(out).and_then(|()| fs::write(out.join("scenario.toml"), described.to_toml()));
+    out::create(out)?;
+    let written = fs::write(out.join("scenario.toml"), described.to_toml());
     written.map_err(|error| failed(&out.display().to_string(), error))?;
     let agents = endpoints_of(described).map_err(|error| failed("no free ports", error))?;
     let endpoints = Endpoints { swarm: swarm.clone(), pid: std::process::id(), out: out.to_owned(), agents };

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector2;
+use serde::Serialize;
 use skein_common::id::{TeamId, VehicleId};
 use skein_common::math;
 use skein_common::message::Trace;
@@ -18,7 +19,8 @@ use skein_lab::terminal::shortened;
 const SILENT: Duration = Duration::from_secs(1);
 
 /// How far a flight is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// The agents start and find each other.
     Gathering,
@@ -186,8 +188,8 @@ impl Row {
     }
 }
 
-/// One vehicle.
-#[derive(Clone, Debug, PartialEq)]
+/// One vehicle. As JSON it is an element of `vehicles` in the progress lines of `fly --json`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// The vehicle, or a team of several.
     pub name: String,

@@ -65,8 +65,12 @@ impl Inventory {
     /// If a file cannot be read or is wrong: the first fault found.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let name = path.display().to_string();
-        let text = fs::read_to_string(path)
-            .map_err(|error| Error::Refused(format!("{name}: {error}; name a cluster file with -f CLUSTER.toml")))?;
+        let text = fs::read_to_string(path).map_err(|error| {
+            Error::Refused(format!(
+                "{name}: {error}; name a cluster file with -f CLUSTER.toml or {}",
+                super::find::VARIABLE
+            ))
+        })?;
         let path = std::path::absolute(path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
         let of_scenario = |path: &Path, swarm: &SwarmName| {
             let args = ScenarioArgs { scenario: Some(path.to_owned()), sets: Vec::new() };

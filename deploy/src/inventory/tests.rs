@@ -163,7 +163,7 @@ fn a_fault_in_the_scenario_names_the_scenario_file() {
     let none = refused("swarm = 'lab'\nscenario = 'no.toml'\n");
     assert!(none.starts_with("cluster.toml:2:12: `scenario`: no.toml: "), "{none}");
     let nowhere = Inventory::read(&folder.path().join("none.toml")).unwrap_err();
-    assert!(nowhere.to_string().ends_with("; name a cluster file with -f CLUSTER.toml"), "{nowhere}");
+    assert!(nowhere.to_string().ends_with("; name a cluster file with -f CLUSTER.toml or SKEIN_CLUSTER"), "{nowhere}");
 }
 
 /// Reads a cluster that flies three teams of two, the second of three.

@@ -11,15 +11,15 @@ const MAX_NAME: usize = 60;
 
 /// An X-Plane that was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct FoundXPlane {
+pub(crate) struct FoundXPlane {
     /// Address of its computer.
-    pub(super) address: String,
+    pub(crate) address: String,
     /// UDP port on which it receives.
-    pub(super) port: u16,
+    pub(crate) port: u16,
     /// Its version, `12.1.4`.
-    pub(super) version: String,
+    pub(crate) version: String,
     /// Name of its computer, without control characters.
-    pub(super) computer: String,
+    pub(crate) computer: String,
 }
 
 /// Listens for this long, s, and returns every X-Plane that flies its own aircraft, in the order of addresses.
@@ -28,14 +28,23 @@ pub(super) struct FoundXPlane {
 /// If the beacons cannot be received, or none was.
 pub(super) fn listen(for_s: f64) -> Result<Vec<FoundXPlane>, Error> {
     let time = Duration::try_from_secs_f64(for_s).map_err(|_| Error::Refused(format!("--wait {for_s}: not a time")))?;
-    let found = discovery::listen(time)
-        .map_err(|error| Error::Failed(format!("the beacons of X-Planes cannot be received: {error}")))?;
+    let found = heard(time)?;
     if found.is_empty() {
         return Err(Error::Failed(format!(
             "no X-Plane was found within {for_s} s: beacons are UDP multicast to 239.255.1.1:49707, which a firewall or a \
              router may hold back; `skein new cluster` without --discover writes a file to fill in"
         )));
     }
+    Ok(found)
+}
+
+/// Listens for this time and returns every X-Plane that flies its own aircraft, in the order of addresses.
+///
+/// # Errors
+/// If the beacons cannot be received.
+pub(crate) fn heard(time: Duration) -> Result<Vec<FoundXPlane>, Error> {
+    let found = discovery::listen(time)
+        .map_err(|error| Error::Failed(format!("the beacons of X-Planes cannot be received: {error}")))?;
     let shown = |found: discovery::FoundSimulator| {
         let version = found.version;
         FoundXPlane {

@@ -8,7 +8,7 @@ use skein_lab::error::Error;
 use skein_lab::shipped::{self, CLUSTER, HOVER, LAWS};
 
 use super::discover::{self, FoundXPlane};
-use super::{Language, Name, NewKind};
+use super::{Language, Name, NewKind, ScriptLanguage};
 
 /// A file to be written.
 #[derive(Clone, Debug)]
@@ -48,7 +48,8 @@ impl Start {
             NewKind::Aircraft { name } => aircraft(name),
             NewKind::Cluster { name, discover: false, .. } => cluster(name),
             NewKind::Cluster { name, wait, .. } => found_cluster(name, &discover::listen(*wait)?),
-            NewKind::Study { name } => study(name),
+            NewKind::Study { name, lang: ScriptLanguage::Sh } => study(name),
+            NewKind::Study { name, lang: ScriptLanguage::Python } => study_in_python(name),
         })
     }
 }
@@ -222,6 +223,18 @@ fn study(name: &Name) -> Start {
     );
     let script = NewFile { is_program: true, ..NewFile::new(format!("{name}.sh"), text, "the study") };
     Start { next: vec![(format!("./{name}.sh"), "fly it")], files: vec![script] }
+}
+
+/// The script of the Python package's examples, under this name.
+fn study_in_python(name: &Name) -> Start {
+    let text =
+        include_str!("../../python/examples/study.py").replace("NAME = \"study\"", &format!("NAME = \"{name}\""));
+    let script = NewFile { is_program: true, ..NewFile::new(format!("{name}.py"), text, "the study") };
+    let next = vec![
+        (format!("python3 {name}.py --seeds 3"), "a first look, with the package skein-swarm"),
+        (format!("python3 {name}.py"), "fly it"),
+    ];
+    Start { next, files: vec![script] }
 }
 
 #[cfg(test)]

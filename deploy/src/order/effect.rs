@@ -68,6 +68,7 @@ pub(super) fn activities(observer: &Observer) -> BTreeMap<VehicleId, Activity> {
 }
 
 /// What an order has changed.
+#[derive(Default)]
 pub(super) struct Effect {
     /// For each vehicle in contact after the order: what it did before, if that is known, and what it does now.
     changes: BTreeMap<VehicleId, (Option<Activity>, Activity)>,
@@ -76,6 +77,14 @@ pub(super) struct Effect {
 impl Effect {
     pub(super) fn of(before: &BTreeMap<VehicleId, Activity>, after: BTreeMap<VehicleId, Activity>) -> Self {
         Self { changes: after.into_iter().map(|(id, after)| (id, (before.get(&id).copied(), after))).collect() }
+    }
+
+    /// What each vehicle in contact did before, if that is known, and what it does now.
+    pub(super) fn as_texts(&self) -> impl Iterator<Item = (VehicleId, Option<String>, String)> {
+        let text = |(id, (before, after)): (&VehicleId, &(Option<Activity>, Activity))| {
+            (*id, before.map(|before| before.to_string()), after.to_string())
+        };
+        self.changes.iter().map(text)
     }
 
     /// Whether any vehicle does something else than before the order.

@@ -3,21 +3,21 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::endpoints;
-use crate::inventory::Inventory;
 use crate::keys::Role;
-use skein_common::id::{SwarmName, TeamId};
+use serde_json::{Value, json};
+use skein_common::id::TeamId;
 use skein_common::scenario::{Described, Loaded, Scenario, Source, load, load_any};
 use skein_common::state::Membership;
 
 use super::{FleetRecorder, Recorder};
 use crate::observe::{Observer, SwarmMessage, TraceSubscription};
 use crate::os::Interrupts;
-use crate::reach::{Reach, SwarmArgs};
+use crate::reach::{Place, Reach, SwarmArgs};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::Run;
 use skein_lab::record::{self, RecordError, RecordingInfo, merge, repair};
+use skein_lab::terminal::say;
 
 /// Interval at which received messages are read.
 const TICK: Duration = Duration::from_millis(20);
@@ -48,6 +48,15 @@ pub struct RecordArgs {
     /// Join these into one, in the order of their times
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = ["swarm", "file"])]
     pub merge: Vec<PathBuf>,
+    /// Print at the end what was written as one JSON object: the file and what is in it
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What a command has written: the object for programs, and the sentence for people.
+struct Written {
+    object: Value,
+    text: String,
 }
 
 /// Records, repairs or merges.
@@ -55,26 +64,29 @@ pub struct RecordArgs {
 /// # Errors
 /// If a file cannot be read or written, or no vehicle of the swarm answers.
 pub fn run(args: &RecordArgs) -> Result<(), Error> {
-    match (&args.repair, &args.out) {
+    let Written { object, text } = match (&args.repair, &args.out) {
         (Some(broken), _) => {
-            refuse_existing(&broken.with_extension("repaired.mcap"))?;
+            let whole = broken.with_extension("repaired.mcap");
+            refuse_existing(&whole)?;
             let repaired = repair(broken).map_err(|error| about_file(broken, std::slice::from_ref(broken), error))?;
-            skein_lab::terminal::say(&format!("{}: {repaired}\n", broken.display()));
-            Ok(())
+            Written {
+                object: json!({ "file": whole, "repaired": broken, "result": repaired.to_string() }),
+                text: format!("{}: {repaired}", broken.display()),
+            }
         }
-        (None, Some(out)) if args.merge.is_empty() => record(&args.swarm, args.team, out),
+        (None, Some(out)) if args.merge.is_empty() => record(&args.swarm, args.team, out)?,
         (None, Some(out)) => {
             refuse_existing(out)?;
             let messages = merge(&args.merge, out).map_err(|error| about_file(out, &args.merge, error))?;
-            skein_lab::terminal::say(&format!(
-                "{}: {messages} messages of {} files\n",
-                out.display(),
-                args.merge.len()
-            ));
-            Ok(())
+            Written {
+                object: json!({ "file": out, "merged": args.merge, "messages": messages }),
+                text: format!("{}: {messages} messages of {} files", out.display(), args.merge.len()),
+            }
         }
-        (None, None) => Err(Error::Refused("--out FILE is missing: the file to record into".to_owned())),
-    }
+        (None, None) => return Err(Error::Refused("--out FILE is missing: the file to record into".to_owned())),
+    };
+    say(&if args.json { skein_lab::terminal::json(&object) } else { text + "\n" });
+    Ok(())
 }
 
 fn refuse_existing(path: &Path) -> Result<(), Error> {
@@ -97,10 +109,11 @@ fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
 }
 
 /// Records a live swarm until Ctrl-C, or until the file cannot be written. Recording does not affect the flight.
-fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<(), Error> {
+fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written, Error> {
     refuse_existing(out)?;
-    let reach = match swarm.reach_teams(Role::Observer, team.as_slice())? {
-        teams if teams.len() > 1 => return record_fleet(swarm, &teams, out),
+    let place = swarm.choose()?;
+    let reach = match place.reach_teams(Role::Observer, team.as_slice())? {
+        teams if teams.len() > 1 => return record_fleet(&place, &teams, out),
         mut one => one.remove(0),
     };
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
@@ -120,11 +133,14 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<(), Err
     let (steps, rejected) = (recorder.steps(), observer.dropped());
     let dropped = recorder.finish().map_err(|error| about_file(out, &[], error))?;
     let vehicles = observer.vehicles().values().filter(|view| view.trace.is_some()).count();
-    skein_lab::terminal::say(&format!(
-        "{}: {steps} steps of {vehicles} vehicles; dropped: {dropped}, not understood: {rejected}\n",
+    let text = format!(
+        "{}: {steps} steps of {vehicles} vehicles; dropped: {dropped}, not understood: {rejected}",
         out.display()
-    ));
-    Ok(())
+    );
+    let object = json!({
+        "file": out, "swarm": reach.swarm, "vehicles": vehicles, "steps": steps, "dropped": dropped, "not_understood": rejected,
+    });
+    Ok(Written { object, text })
 }
 
 /// A team of a live fleet that is recorded.
@@ -138,9 +154,9 @@ struct RecordedTeam<'a> {
 }
 
 /// Records a live fleet until Ctrl-C, or until the file cannot be written.
-fn record_fleet(swarm: &SwarmArgs, teams: &[Reach], out: &Path) -> Result<(), Error> {
+fn record_fleet(place: &Place, teams: &[Reach], out: &Path) -> Result<Written, Error> {
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let (name, described) = fleet(swarm)?;
+    let (name, described) = (place.swarm(), fleet(place)?);
     let team = |(reach, loaded)| RecordedTeam::begin(reach, loaded, out);
     let mut teams = teams.iter().zip(described.all()).map(team).collect::<Result<Vec<_>, _>>()?;
     let mut recorder = FleetRecorder::begin(out, &described)?;
@@ -160,26 +176,22 @@ fn record_fleet(swarm: &SwarmArgs, teams: &[Reach], out: &Path) -> Result<(), Er
     for full in teams.into_iter().filter_map(|team| team.full) {
         dropped += full.finish().map_err(|error| about_file(out, &[], error))?;
     }
-    skein_lab::terminal::say(&format!(
-        "{}: {vehicles} vehicles at {samples} times; dropped: {dropped}\n",
-        out.display()
-    ));
-    Ok(())
+    let text = format!("{}: {vehicles} vehicles at {samples} times; dropped: {dropped}", out.display());
+    let object = json!({ "file": out, "swarm": name, "vehicles": vehicles, "samples": samples, "dropped": dropped });
+    Ok(Written { object, text })
 }
 
-/// The name of the fleet, and its scenario: that of the cluster file, or the one that `fly` wrote on this PC.
-fn fleet(swarm: &SwarmArgs) -> Result<(SwarmName, Described), Error> {
-    if let Some(file) = &swarm.file {
-        let Inventory { swarm, scenario, .. } = Inventory::read(file)?;
-        return Ok((swarm, scenario));
-    }
-    let there = endpoints::find(&endpoints::folder(), swarm.swarm.as_ref())?;
+/// The fleet's scenario: that of the cluster file, or the one that `fly` wrote on this PC.
+fn fleet(place: &Place) -> Result<Described, Error> {
+    let there = match place {
+        Place::Cluster(inventory) => return Ok(inventory.scenario.clone()),
+        Place::Here(there) => there,
+    };
     let path = there.out.join("scenario.toml");
     let name = path.display().to_string();
     let text = std::fs::read_to_string(&path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
-    let described = load_any(&Source { name: &name, text: &text }, &[])
-        .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
-    Ok((there.swarm, described))
+    load_any(&Source { name: &name, text: &text }, &[])
+        .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
 }
 
 impl<'a> RecordedTeam<'a> {

@@ -26,6 +26,8 @@ macro_rules! pages {
 pages! {
     readme: "README.md",
     start: "deploy/book/src/start.md",
+    for_operators: "deploy/book/src/for-operators.md",
+    for_law_authors: "deploy/book/src/for-law-authors.md",
     scenarios: "deploy/book/src/scenarios.md",
     laws: "deploy/book/src/laws.md",
     laws_rust: "deploy/book/src/laws-rust.md",
@@ -37,6 +39,7 @@ pages! {
     fleets_live: "deploy/book/src/fleets-live.md",
     studies: "deploy/book/src/studies.md",
     recordings: "deploy/book/src/recordings.md",
+    programs: "deploy/book/src/programs.md",
     xplane: "deploy/book/src/xplane.md",
     cluster: "deploy/book/src/cluster.md",
     cluster_fleets: "deploy/book/src/cluster-fleets.md",

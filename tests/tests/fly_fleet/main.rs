@@ -135,13 +135,21 @@ fn until_accepted(fleet: &Fleet, arguments: &[&str]) -> String {
     }
 }
 
+/// The last line of `fly --json`: the result with the figures.
+fn last_line(stdout: &[u8]) -> Value {
+    let result: Value =
+        serde_json::from_slice(stdout.trim_ascii_end().rsplit(|byte| *byte == b'\n').next().unwrap()).unwrap();
+    assert_eq!(result["kind"], "result");
+    result
+}
+
 #[test]
 fn two_teams_fly_through_each_other_and_land() {
     let fleet = Fleet::new("fleet-crossing", CROSSING);
     let output = fleet.fly(35).wait_with_output().unwrap();
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{stderr}");
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = last_line(&output.stdout);
     assert_eq!(report["across_collisions"], 0.0, "{report}");
     assert!(report["across_separation_m"].as_f64().unwrap() > 2.0, "{report}");
     assert_eq!((&report["teams"], &report["vehicles"], &report["target"]), (&2.0.into(), &4.into(), &"fly".into()));
@@ -188,7 +196,7 @@ fn a_team_waits_outside_a_place_that_another_takes_near_or_far() {
     let output = fleet.fly(55).wait_with_output().unwrap();
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{stderr}");
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = last_line(&output.stdout);
     assert_eq!(report["across_collisions"], 0.0, "{report}");
     let places = record::read_fleet(&fleet.folder.path().join("out").join(record::FLEET_FILE)).unwrap();
     let (first, second) = (in_step(&places, 1, 1).unwrap(), in_step(&places, 2, 1).unwrap());

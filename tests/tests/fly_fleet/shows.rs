@@ -7,7 +7,7 @@ use std::fs;
 use serde_json::Value;
 use skein_lab::record::{self, TeamPlaces};
 
-use super::Fleet;
+use super::{Fleet, last_line};
 
 /// Duration of each flight, s.
 const FLOWN_S: u32 = 300;
@@ -84,7 +84,7 @@ fn fly(table: &mut String, title: &str, name: &'static str, text: &str) {
         p99_us = p99_us.max(figure("step_p99_us"));
         collisions += figure("collisions");
     }
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = last_line(&output.stdout);
     let across = report["across_collisions"].as_f64().unwrap();
     let own = |team: u16| format!("team {team}: ");
     let lost = stderr.lines().filter(|line| line.contains("lost contact"));

@@ -92,7 +92,7 @@ pub struct StandinOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum StandinError {
     /// The port is in use, most often by a simulator.
-    #[error("cannot listen on UDP {address}: {source}")]
+    #[error("cannot listen on UDP {address}: {source}; another program may have this port: choose another with --port")]
     Bind {
         /// Address to listen on.
         address: SocketAddr,

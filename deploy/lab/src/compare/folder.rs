@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use toml::Value as Toml;
@@ -48,6 +49,15 @@ pub struct Folder {
     pub swept: Vec<String>,
 }
 
+/// The error of a folder of runs that cannot be read.
+pub(crate) fn unreadable(path: &Path, error: &io::Error) -> Error {
+    let remedy = match error.kind() {
+        io::ErrorKind::NotFound => "; without --out, runs are written into new folders below skein-runs",
+        _ => "",
+    };
+    Error::Refused(format!("{}: {error}{remedy}", path.display()))
+}
+
 impl Folder {
     /// Reads all runs.
     ///
@@ -55,7 +65,7 @@ impl Folder {
     /// If the folder holds no runs, or a run cannot be read.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let mut folders = Vec::new();
-        find(path, &mut folders).map_err(|error| Error::Refused(format!("{}: {error}", path.display())))?;
+        find(path, &mut folders).map_err(|error| unreadable(path, &error))?;
         if folders.is_empty() {
             let why = "no runs in it: a run is a folder with metrics.json and scenario.toml";
             return Err(Error::Refused(format!("{}: {why}", path.display())));
@@ -102,7 +112,7 @@ impl Folder {
 }
 
 /// Folders of runs at or below `path`; what lies inside a run is its own.
-fn find(path: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
+fn find(path: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
     let entries: Vec<_> = fs::read_dir(path)?.collect::<Result<_, _>>()?;
     if entries.iter().any(|entry| entry.file_name() == "metrics.json") {
         found.push(path.to_owned());

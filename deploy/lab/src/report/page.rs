@@ -7,6 +7,7 @@ use std::thread;
 
 use super::figure::{Drawing, escaped};
 use crate::error::Error;
+use crate::out;
 use skein_host::parallel::in_parallel;
 
 /// Length above which a cell counts as text and is aligned to the left, characters.
@@ -61,6 +62,7 @@ impl Page {
     /// A file cannot be written, or a figure cannot be drawn.
     pub fn write(&self, out: &Path) -> Result<(), Error> {
         let failed = |path: &Path, error| Error::Failed(format!("{}: {error}", path.display()));
+        out::create(out)?;
         let folder = out.join("figures");
         fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
         let put = |path: PathBuf, text: &str| fs::write(&path, text).map_err(|error| failed(&path, error));

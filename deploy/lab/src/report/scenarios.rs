@@ -12,6 +12,7 @@ use skein_common::scenario::{Layer, Loaded, Preset};
 
 use super::page::{Page, Part, Section};
 use super::{flight_parts, stem};
+use crate::compare::folder::unreadable;
 use crate::error::Error;
 use crate::metrics::Run;
 use crate::recording::Recording;
@@ -38,7 +39,7 @@ const SHOWN: [&str; 12] = [
 
 /// The scenario files of a folder, sorted by name.
 pub(super) fn in_folder(folder: &Path) -> Result<Vec<PathBuf>, Error> {
-    let entries = fs::read_dir(folder).map_err(|error| Error::Refused(format!("{}: {error}", folder.display())))?;
+    let entries = fs::read_dir(folder).map_err(|error| unreadable(folder, &error))?;
     let mut paths: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
     paths.retain(|path| path.extension().is_some_and(|ending| ending == "toml") && path.is_file());
     paths.sort();

@@ -25,7 +25,7 @@ pub struct StudyArgs {
     #[command(flatten)]
     pub scenario: ScenarioArgs,
     /// One seed; without it the scenario's own
-    #[arg(long, value_name = "N", conflicts_with = "seeds")]
+    #[arg(long, value_name = "N", conflicts_with = "seeds", value_parser = seed, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Seeds A to B, B not included
     #[arg(long, value_name = "A..B", value_parser = seeds)]
@@ -39,10 +39,10 @@ pub struct StudyArgs {
     #[arg(long, value_name = "N", value_parser = samples)]
     pub points: Option<usize>,
     /// Runs at once; without it one for each core, or for each --threads cores. The results do not depend on it
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true)]
     pub jobs: Option<NonZeroUsize>,
     /// Threads that step each run: for one run of many vehicles. The results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = NonZeroUsize::MIN)]
+    #[arg(long, value_name = "N", default_value_t = NonZeroUsize::MIN, value_parser = at_least_one)]
     pub threads: NonZeroUsize,
     /// How long an external law may send nothing, seconds of wall clock, or none: a law with a breakpoint does not end the
     /// study. Without it 10
@@ -66,7 +66,19 @@ pub struct StudyArgs {
 /// `A..B`, half open and not empty.
 fn seeds(text: &str) -> Result<Range<u64>, String> {
     let range = text.split_once("..").and_then(|(from, to)| Some(from.parse().ok()?..to.parse().ok()?));
-    range.filter(|range| !range.is_empty()).ok_or_else(|| "two numbers A..B with A below B".to_owned())
+    range.filter(|range| !range.is_empty()).ok_or_else(|| "two numbers A..B with A below B, such as 0..20".to_owned())
+}
+
+/// A seed.
+///
+/// # Errors
+/// If it is not a whole number from 0.
+pub fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| "a whole number from 0 on".to_owned())
+}
+
+fn at_least_one(text: &str) -> Result<NonZeroUsize, String> {
+    text.parse().map_err(|_| "a whole number, at least 1".to_owned())
 }
 
 /// Seconds, or `none` for a time that no study reaches.

@@ -110,6 +110,7 @@ impl Plan {
         let fingerprint = plan.check()?;
         let study = plan.describe(name, &args.sweep, fingerprint)?;
         plan.out = plan.folder_for(&study, args.out.as_deref(), name)?;
+        out::create(&plan.out)?;
         write(&plan.out.join("study.json"), &crate::terminal::json(&study))?;
         Ok(plan)
     }

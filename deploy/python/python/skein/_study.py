@@ -136,6 +136,26 @@ class Study:
 
         return polars.from_pandas(self.runs, nan_to_null=True)
 
+    def to_parquet(self, path: Union[str, "os.PathLike[str]", None] = None) -> Path:
+        """Writes :attr:`runs` as a Parquet file, which other tools read without parsing text, and returns its path.
+
+        Parameters
+        ----------
+        path : path, optional
+            The file; an existing one is replaced. Without it ``runs.parquet`` in the folder of the study.
+
+        Raises
+        ------
+        SkeinError
+            If no package that writes Parquet is installed.
+        """
+        path = self.folder / "runs.parquet" if path is None else Path(path)
+        try:
+            self.runs.to_parquet(path, index=False)
+        except ImportError:
+            raise SkeinError("Parquet needs pyarrow: pip install pyarrow, or skein-swarm[parquet]") from None
+        return path
+
     def save(self, folder: Union[str, "os.PathLike[str]"]) -> "Study":
         """Copies the whole folder to a new one, which ``skein compare`` and ``skein report`` read, and returns it."""
         folder = Path(folder)
@@ -186,6 +206,7 @@ def study(
     threads: int = 1,
     out: Union[str, "os.PathLike[str]", None] = None,
     record: Optional[bool] = None,
+    parquet: bool = False,
     progress: Union[bool, Callable[[int, int], Any]] = False,
 ) -> Study:
     """Flies a scenario in virtual time, once for each seed, as the command ``skein study`` does, with the same bits.
@@ -216,6 +237,8 @@ def study(
         files lie in a temporary folder that goes with the returned object; :meth:`Study.save` keeps them.
     record : bool, optional
         Whether to record what ``record.runs`` asks for; without it only if ``out`` is given.
+    parquet : bool
+        Whether to write ``runs.parquet`` beside ``runs.csv`` too, as :meth:`Study.to_parquet` does.
     progress : bool or callable
         ``True`` writes a line to stderr; a callable is called with the number of runs that are done and of all.
 
@@ -254,7 +277,10 @@ def study(
     }
     called = _to_stderr if progress is True else progress or None
     _skein.fly_study(wanted, _skein.__file__, law, called)
-    return Study(out, _temporary=temporary)
+    flown = Study(out, _temporary=temporary)
+    if parquet:
+        flown.to_parquet()
+    return flown
 
 
 def _to_stderr(done: int, runs: int) -> None:

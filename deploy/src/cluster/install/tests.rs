@@ -56,7 +56,7 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
     let program = Arc::new(Program::read(None).unwrap());
     let mut given = Given { program, bundle: Bundle { files: files.into() } };
     let nodes = NodesArgs {
-        file: crate::cluster::FileArgs { file: chosen.inventory.path.clone() },
+        file: crate::cluster::FileArgs { file: Some(chosen.inventory.path.clone()) },
         nodes: Vec::new(),
         verbose: false,
         json: false,

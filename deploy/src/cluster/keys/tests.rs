@@ -179,8 +179,7 @@ fn renewing_keeps_the_name_and_revoking_changes_it() {
 
 #[test]
 fn after_a_vehicles_revocation_the_swarm_has_to_land_first() {
-    let file = FileArgs { file: "cluster.toml".into() };
-    let next = |revoke| next(&KeysArgs { file: file.clone(), renew: None, revoke, json: false });
+    let next = |revoke| next(revoke, Path::new("cluster.toml"));
     assert_eq!(next(None), "next: skein cluster install -f cluster.toml");
     assert_eq!(next(Some(Whose::One(Role::Operator))), next(None));
     let of_vehicle = next(Some(Whose::One(vehicle(3))));

@@ -12,6 +12,7 @@ use super::{Flight, fresh};
 use crate::fly::children::{Ended, ProcessRole};
 use crate::fly::journal::{self, Alike, When};
 use crate::fly::status::Stage;
+use crate::fly::stream::{Happened, Line};
 use crate::os;
 
 /// No event takes more room on the screen, characters.
@@ -28,6 +29,7 @@ impl Flight {
     pub(super) fn show(&mut self, now: Instant, what: String) {
         // It may contain the last output of a process.
         let what = printable(&what, MAX_EVENT);
+        self.stream(now, Line::Note { text: what.clone() });
         self.journal.add(self.when(now), what);
     }
 
@@ -70,6 +72,7 @@ impl Flight {
             return;
         }
         self.record(|recorder| recorder.note(now, false, "fly", &sentence));
+        self.stream(now, Line::Note { text: sentence });
         let several = match role {
             ProcessRole::Agent => how.clone(),
             ProcessRole::Standin => format!("simulators {how}"),
@@ -88,6 +91,17 @@ impl Flight {
             now,
             format!("landing from {highest_m:.0} m: about {usual_s:.0} s, given up after {limit_s} s"),
         );
+    }
+
+    /// Keeps a line for the stream of `--json`.
+    pub(super) fn stream(&mut self, at: Instant, line: Line) {
+        let window_s = self.when(at).window_s;
+        self.happened.push(Happened { at, window_s, line });
+    }
+
+    /// What has happened since the last time.
+    pub fn take_happened(&mut self) -> Vec<Happened> {
+        std::mem::take(&mut self.happened)
     }
 
     fn when(&self, now: Instant) -> When {

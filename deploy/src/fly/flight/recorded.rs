@@ -7,6 +7,7 @@ use skein_common::scenario::RecordRuns;
 
 use super::{Flight, fresh};
 use crate::fly::plan::Plan;
+use crate::fly::stream::Line;
 use crate::record::Recorder;
 use skein_lab::error::Error;
 use skein_lab::faults::InjectedFault;
@@ -26,6 +27,7 @@ impl Flight {
     pub(super) fn record_fault(&mut self, now: Instant, fault: &InjectedFault) {
         self.record(|recorder| recorder.fault(now, fault));
         self.note(now, NotedKind::Fault(fault.clone()));
+        self.stream(now, Line::of_fault(fault));
     }
 
     /// Keeps what happened to a team for the recording of its fleet.

@@ -1,0 +1,105 @@
+//! Ports, the loopback, the firewall, and X-Plane's beacon.
+
+use std::io;
+use std::net::{Ipv4Addr, TcpListener};
+use std::time::Duration;
+
+use super::{firewall, line};
+use crate::cluster::check::Line;
+use crate::cluster::host::probe;
+use crate::cluster::protocol::Reached;
+use crate::new::discover;
+use crate::ports;
+
+/// Number of agents for which ports are tried.
+const AGENTS: u16 = 16;
+/// Port of the first agent that is started by hand or on a cluster; that of vehicle 1.
+const FIRST_PORT: u16 = 7447;
+
+/// All lines but the beacon's.
+pub(super) fn lines() -> Vec<Line> {
+    vec![loopback(), cluster_ports(FIRST_PORT, AGENTS), firewall::look()]
+}
+
+/// Whether agents on this PC can listen and reach each other.
+fn loopback() -> Line {
+    if let Err(error) = ports::tcp(AGENTS.into()) {
+        return line("loopback", format!("no free TCP ports: {error}"))
+            .fault("end programs that hold many ports: `ss -tanp` lists them");
+    }
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0));
+    let reached = listener.and_then(|listener| {
+        let address = listener.local_addr()?.to_string();
+        Ok(probe::reach(&[address]).remove(0))
+    });
+    match reached {
+        Ok(Reached::Taken) => line("loopback", format!("{AGENTS} free ports, and agents reach each other")),
+        Ok(Reached::Refused) => unreachable("refused".to_owned()),
+        Ok(Reached::No(why)) => unreachable(why),
+        Err(error) => unreachable(error.to_string()),
+    }
+}
+
+fn unreachable(why: String) -> Line {
+    line("loopback", format!("a connection from this PC to itself fails: {why}"))
+        .fault("let TCP on the interface lo through the firewall: `sudo ufw allow in on lo`")
+}
+
+/// The ports on which agents of a cluster, and those started by hand, listen.
+fn cluster_ports(first: u16, count: u16) -> Line {
+    let last = first + count - 1;
+    let is_used = |port: &u16| {
+        let tried = TcpListener::bind((Ipv4Addr::UNSPECIFIED, *port));
+        tried.is_err_and(|error| error.kind() == io::ErrorKind::AddrInUse)
+    };
+    let used: Vec<String> = (first..=last).filter(is_used).map(|port| port.to_string()).collect();
+    match used.first() {
+        None => line("ports", format!("{first} to {last}, for agents of a cluster, are free")),
+        Some(one) => line("ports", format!("in use: {}", used.join(", "))).warning(format!(
+            "`ss -ltnp sport = :{one}` shows by which program; an agent of a cluster needs port 7446 + its id, `skein fly` takes free ones"
+        )),
+    }
+}
+
+/// The X-Planes that announce themselves within this time.
+pub(super) fn beacon(wait: Duration) -> Line {
+    match discover::heard(wait) {
+        Err(error) => line("X-Plane", error.to_string()).unknown(),
+        Ok(found) if found.is_empty() => {
+            let found =
+                format!("none announces itself within {} s; the built-in helicopter needs none", wait.as_secs_f64());
+            Line {
+                remedy: Some("if one runs: `skein check --xplane HOST` asks it; its beacon is UDP multicast to 239.255.1.1:49707".to_owned()),
+                ..line("X-Plane", found).unknown()
+            }
+        }
+        Ok(found) => {
+            let one = |found: &discover::FoundXPlane| {
+                format!("{} on {} at {}:{}", found.version, found.computer, found.address, found.port)
+            };
+            line("X-Plane", found.iter().map(one).collect::<Vec<_>>().join(", "))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cluster::check::State;
+
+    #[test]
+    fn a_port_in_use_is_named() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let used = cluster_ports(port, 1);
+        assert_eq!((used.state, used.found), (State::Warning, format!("in use: {port}")));
+        assert!(used.remedy.unwrap().contains(&format!("sport = :{port}")));
+        drop(listener);
+        assert_eq!(cluster_ports(port, 1).state, State::Good);
+    }
+
+    #[test]
+    fn agents_on_this_pc_reach_each_other() {
+        assert_eq!(loopback().state, State::Good);
+    }
+}
