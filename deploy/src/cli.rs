@@ -21,16 +21,18 @@ use crate::order::{self, OrderArgs};
 use crate::record::{self, RecordArgs};
 use crate::report::{self, ReportArgs};
 use crate::scenarios::{self, ScenariosArgs};
+use crate::version;
 use skein_lab::cli::parsed;
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
 use skein_lab::study::{self, StudyArgs};
+use skein_lab::terminal::draw;
 
 /// Flies a swarm of helicopters without a central computer.
 ///
 /// Exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
 #[derive(Debug, Parser)]
-#[command(name = "skein", version, max_term_width = 110)]
+#[command(name = "skein", version = version::line(), max_term_width = 110)]
 pub struct Cli {
     /// What to do
     #[command(subcommand)]
@@ -90,6 +92,11 @@ pub fn main() -> ExitCode {
 /// Runs the program with additional formation laws: every command accepts their names in `formation.law`, and the
 /// agents that it starts can fly them. See [`skein_lab::law`].
 pub fn main_with(laws: Laws) -> ExitCode {
+    // clap would make this text at every start, and it needs the whole file of the program.
+    if std::env::args_os().skip(1).eq(["--version"]) {
+        draw(&version::details());
+        return ExitCode::SUCCESS;
+    }
     match laws.add() {
         Ok(()) => run(parsed::<Cli>().command),
         Err(fault) => Error::Refused(fault.to_string()).report(),

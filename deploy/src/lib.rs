@@ -24,3 +24,4 @@ pub mod record;
 pub mod report;
 pub mod scenarios;
 pub mod simulators;
+pub mod version;

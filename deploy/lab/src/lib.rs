@@ -38,3 +38,7 @@ pub mod world;
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 /// The git revision of this build; "unknown" without a repository.
 pub const REVISION: &str = env!("SKEIN_REVISION");
+/// The platform that this build is for, in the compiler's notation.
+pub const TARGET: &str = env!("SKEIN_TARGET");
+/// The version of Zenoh in the workspace's lock file: that of the agents that are built with this crate.
+pub const ZENOH: &str = env!("SKEIN_ZENOH");
