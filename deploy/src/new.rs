@@ -70,7 +70,7 @@ pub enum NewKind {
     /// A study: a script that flies many seeds of several variants, compares them, and draws them
     #[command(after_help = "Examples:\n  skein new study my-study\n  skein new study loss --lang python")]
     Study {
-        /// Its name; the file is NAME.sh or NAME.py
+        /// Its name; the file is NAME.sh, NAME.py or NAME.m
         name: Name,
         /// The language of the script
         #[arg(long, value_enum, default_value_t = ScriptLanguage::Sh)]
@@ -98,6 +98,8 @@ pub enum ScriptLanguage {
     Sh,
     /// A script with the package skein-swarm, whose results are frames of pandas
     Python,
+    /// A script for Matlab and Octave, with a reader of the tables
+    Matlab,
 }
 
 /// The name of something new: it becomes part of file names.

@@ -80,3 +80,23 @@ fn octave_reads_a_study_and_a_recording() {
     assert!(read["active"].as_u64().unwrap() > 100, "{read}");
     assert_eq!(read["quoted"], serde_json::json!({ "a": [1, 2], "b_c": [null, 3], "text": ["x, \"y\"", "z"] }));
 }
+
+#[test]
+#[ignore = "needs Octave; `.ci/long` installs it"]
+fn a_new_study_for_matlab_flies_in_octave() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    skein(path, "new study my-loss --lang matlab");
+    let script = fs::read_to_string(path.join("my_loss.m")).unwrap();
+    assert!(script.contains("seeds = 20;") && script.contains("name = 'my-loss';"), "{script}");
+    fs::write(path.join("my_loss.m"), script.replace("seeds = 20;", "seeds = 2;")).unwrap();
+    // The script calls the program as a user does, by its name.
+    let programs = path.join("programs");
+    fs::create_dir(&programs).unwrap();
+    std::os::unix::fs::symlink(PROGRAM, programs.join("skein")).unwrap();
+    let search = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
+    let printed = run(path, "env", &[&format!("PATH={search}"), "octave-cli", "--quiet", "my_loss.m"]);
+    let lines: Vec<&str> = printed.lines().filter(|line| line.starts_with("loss 0.")).collect();
+    assert_eq!(lines.len(), 3, "{printed}");
+    assert!(lines.iter().all(|line| line.contains("(median of 2)") && line.ends_with("collisions 0")), "{printed}");
+}

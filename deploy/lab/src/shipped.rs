@@ -40,6 +40,9 @@ pub const LAWS: [Source<'_>; 3] = carried! {
 /// Reads the tables of studies and recordings in Matlab and Octave.
 pub const TABLE_READER: Source<'_> = Source { name: "skein_table.m", text: include_str!("../../laws/skein_table.m") };
 
+/// A study as a script for Matlab and Octave.
+pub const MATLAB_STUDY: Source<'_> = Source { name: "study.m", text: include_str!("../../laws/study.m") };
+
 /// A cluster file with every key explained.
 pub const CLUSTER: Source<'_> = Source { name: "cluster.toml", text: include_str!("../../cluster.example.toml") };
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use skein_common::scenario::Source;
 use skein_core::aircraft::Aircraft;
 use skein_lab::error::Error;
-use skein_lab::shipped::{self, CLUSTER, HOVER, LAWS};
+use skein_lab::shipped::{self, CLUSTER, HOVER, LAWS, MATLAB_STUDY, TABLE_READER};
 
 use super::discover::{self, FoundXPlane};
 use super::{Language, Name, NewKind, ScriptLanguage};
@@ -50,6 +50,7 @@ impl Start {
             NewKind::Cluster { name, wait, .. } => found_cluster(name, &discover::listen(*wait)?),
             NewKind::Study { name, lang: ScriptLanguage::Sh } => study(name),
             NewKind::Study { name, lang: ScriptLanguage::Python } => study_in_python(name),
+            NewKind::Study { name, lang: ScriptLanguage::Matlab } => study_in_matlab(name),
         })
     }
 }
@@ -235,6 +236,23 @@ fn study_in_python(name: &Name) -> Start {
         (format!("python3 {name}.py"), "fly it"),
     ];
     Start { next, files: vec![script] }
+}
+
+/// The shipped script for Matlab and Octave, under this name. A hyphen cannot be part of a script's name there.
+fn study_in_matlab(name: &Name) -> Start {
+    let script = name.to_string().replace('-', "_");
+    let text = MATLAB_STUDY.text.replace("study.m", &format!("{script}.m"));
+    let text = text.replace("`study` in Matlab", &format!("`{script}` in Matlab"));
+    let text = text.replace("name = 'study';", &format!("name = '{name}';"));
+    let files = vec![
+        NewFile::new(format!("{script}.m"), text, "the study"),
+        NewFile::new(TABLE_READER.name, TABLE_READER.text, "reads tables of studies and recordings"),
+    ];
+    let next = vec![
+        (format!("octave-cli {script}.m"), "fly it from Octave"),
+        (format!("matlab -batch {script}"), "or from Matlab"),
+    ];
+    Start { next, files }
 }
 
 #[cfg(test)]
