@@ -2,7 +2,7 @@
 """A study of the shipped hover formation: how much loss on the network does it bear, with and without its safety filter?
 
 Needs the package skein-swarm. Run it in the folder that is to hold the results. If it was interrupted, run it again: it
-resumes. `--seeds 3` is enough for a first look.
+resumes. `--seeds 6` is enough for a first look: a verdict needs six pairs of runs.
 """
 
 import argparse
@@ -39,9 +39,9 @@ def main():
     print(skein.compare(filtered, bare, only=["min_separation_m", "even_10deg_s"])[["verdict", "a", "b", "difference"]])
 
     try:
-        import skein.plot
+        from skein import plot
 
-        axes = skein.plot.sweep(filtered, "network.loss", "even_10deg_s")
+        axes = plot.sweep(filtered, "network.loss", "even_10deg_s")
         axes.figure.savefig(f"{NAME}.png")
         print(f"\nthe picture is {NAME}.png")
     except ImportError:

@@ -232,7 +232,7 @@ fn study_in_python(name: &Name) -> Start {
         include_str!("../../python/examples/study.py").replace("NAME = \"study\"", &format!("NAME = \"{name}\""));
     let script = NewFile { is_program: true, ..NewFile::new(format!("{name}.py"), text, "the study") };
     let next = vec![
-        (format!("python3 {name}.py --seeds 3"), "a first look, with the package skein-swarm"),
+        (format!("python3 {name}.py --seeds 6"), "a first look, with the package skein-swarm"),
         (format!("python3 {name}.py"), "fly it"),
     ];
     Start { next, files: vec![script] }

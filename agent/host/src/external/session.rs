@@ -22,6 +22,8 @@ use crate::process::in_own_group;
 const QUEUE: usize = 1024;
 /// Time for a process to end after a bye; then it is killed.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
+/// Time for the last lines on the standard error of a process that has ended to be passed on.
+const LAST_LINES_TIMEOUT: Duration = Duration::from_millis(500);
 /// A connection that accepts no data for this long is dead.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 /// How often the thread that receives datagrams checks whether the session was closed.
@@ -47,6 +49,8 @@ impl<F: FnMut(Instant, LawInput) -> bool + Send + 'static> Sink for F {}
 pub struct LawSession {
     outbox: Option<SyncSender<Vec<u8>>>,
     writer: Option<JoinHandle<()>>,
+    /// Passes on the standard error of a process.
+    errors: Option<JoinHandle<()>>,
     partner: Partner,
 }
 
@@ -80,16 +84,14 @@ impl LawSession {
             in_own_group(&mut command);
         }
         let mut process = command.spawn()?;
-        if let Some(stderr) = process.stderr.take() {
-            thread::spawn(move || pass_on(stderr, log));
-        }
+        let errors = process.stderr.take().map(|stderr| thread::spawn(move || pass_on(stderr, log)));
         if let Some(stdout) = process.stdout.take() {
             thread::spawn(move || read_lines(stdout, sink));
         }
         let (outbox, messages) = sync_channel(QUEUE);
         let stdin = process.stdin.take();
         let writer = stdin.map(|stdin| thread::spawn(move || write_all(messages, stdin)));
-        Ok(Self { outbox: Some(outbox), writer, partner: Partner::Process(process) })
+        Ok(Self { outbox: Some(outbox), writer, errors, partner: Partner::Process(process) })
     }
 
     /// Starts a session over a connection that a law has made.
@@ -104,7 +106,7 @@ impl LawSession {
         thread::spawn(move || read_lines(reading, sink));
         let (outbox, messages) = sync_channel(QUEUE);
         let writer = thread::spawn(move || write_all(messages, writing));
-        Ok(Self { outbox: Some(outbox), writer: Some(writer), partner: Partner::Connection(stream) })
+        Ok(Self { outbox: Some(outbox), writer: Some(writer), errors: None, partner: Partner::Connection(stream) })
     }
 
     /// Starts a session over datagrams: messages are sent to `ask`; input from any sender is received at `answer`.
@@ -126,7 +128,7 @@ impl LawSession {
                 let _ = socket.send_to(&message, to);
             }
         });
-        Ok(Self { outbox: Some(outbox), writer: Some(writer), partner: Partner::Datagrams { closed } })
+        Ok(Self { outbox: Some(outbox), writer: Some(writer), errors: None, partner: Partner::Datagrams { closed } })
     }
 
     /// Sends a message, without waiting. A law that uses vectors gets only queries.
@@ -184,6 +186,11 @@ impl Drop for LawSession {
                 // Its own children may still hold its streams; the threads end when those do.
                 let _ = process.kill();
                 let _ = process.wait();
+                // The last line often says why the process has ended.
+                let until = now() + LAST_LINES_TIMEOUT;
+                while now() < until && self.errors.as_ref().is_some_and(|errors| !errors.is_finished()) {
+                    sleep_until(now() + Duration::from_millis(5));
+                }
             }
             Partner::Connection(stream) => {
                 self.writer.take().map(JoinHandle::join);
