@@ -26,6 +26,7 @@ macro_rules! pages {
 pages! {
     readme: "README.md",
     start: "deploy/book/src/start.md",
+    install: "deploy/book/src/install.md",
     scenarios: "deploy/book/src/scenarios.md",
     laws: "deploy/book/src/laws.md",
     laws_rust: "deploy/book/src/laws-rust.md",
