@@ -1,9 +1,10 @@
 """Installs what `deploy/release` has built, in fresh systems and environments, flies each, and prints a table.
 
-    install.py OUT ROOTS [wheel|deb|portable|source]...
+    install.py OUT ROOTS [wheel|deb|portable|source|unpacked]...
 
-OUT is the folder of the release, ROOTS that of the Debian systems `bullseye` and `trixie`. Needs root, and the Python packages
-of `tests/requirements.txt`, with which the recording of each flight is read.
+OUT is the folder of the release, ROOTS that of the Debian systems `bullseye` and `trixie`, into which `deb` and `portable`
+install as root. `unpacked` only unpacks the Debian package, and needs neither. The Python packages of `tests/requirements.txt`
+read the recording of each flight.
 """
 
 import json
@@ -22,6 +23,11 @@ from mcap.reader import make_reader
 HEIGHT_M = 1.5
 #: How long each flight lasts before it lands, s: long enough to climb above that height.
 FLIGHT = ["fly", "--duration", "8", "--out"]
+#: What the Debian package installs besides the program, among others.
+INSTALLED = [
+    "man/man1/skein-fly.1.gz", "bash-completion/completions/skein", "system/skein-agent@.service", "doc/skein/copyright",
+    "doc/skein/THIRD-PARTY.txt.gz", "skein/scenarios/flock.toml", "skein/laws/ring.py", "skein/cluster.example.toml",
+]
 
 
 def run(*command, **more):
@@ -87,6 +93,22 @@ def in_root(root):
     return ["chroot", root, "/usr/bin/env", "-i", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "HOME=/root"]
 
 
+def complete(listed):
+    """Checks the list of the files of the Debian package."""
+    missing = [name for name in INSTALLED if name not in listed]
+    if missing:
+        sys.exit(f"the package lacks {missing}:\n{listed}")
+
+
+def unpacked(out, roots, folder):
+    """The Debian package, unpacked into a folder."""
+    begin, package = time.time(), only(out, "skein_*_amd64.deb")
+    run("dpkg-deb", "--extract", package, folder / "tree")
+    complete(run("dpkg-deb", "--contents", package))
+    flown("deb, unpacked", [folder / "tree/usr/bin/skein"], folder / "flight", begin)
+    run(folder / "tree/usr/bin/skein", "check", folder / "tree/usr/share/skein/scenarios/external.toml")
+
+
 def deb(out, roots, folder):
     """By dpkg, in the oldest and the newest Debian; removed again."""
     package = only(out, "skein_*_amd64.deb")
@@ -98,10 +120,7 @@ def deb(out, roots, folder):
         shutil.rmtree(root / "tmp/flight", ignore_errors=True)
         flown(f"deb, {root.name}", [*inside, "skein"], "/tmp/flight", begin, root)
         run(*inside, "skein", "check", "/usr/share/skein/scenarios/tour.toml")
-        listed = run(*inside, "dpkg", "--listfiles", "skein")
-        for name in ["man1/skein-fly.1.gz", "completions/skein", "skein-agent@.service", "THIRD-PARTY.txt.gz", "flock.toml"]:
-            if name not in listed:
-                sys.exit(f"the package lacks {name}:\n{listed}")
+        complete(run(*inside, "dpkg", "--listfiles", "skein"))
         run(*inside, "dpkg", "--remove", "skein")
         run("umount", root / "proc")
 
@@ -133,12 +152,17 @@ def source(out, roots, folder):
     flown("source", [tree / "target/release/skein"], folder / "source", begin)
 
 
+KINDS = {"wheel": wheel, "deb": deb, "portable": portable, "source": source, "unpacked": unpacked}
+
+
 def main():
     """Installs and flies each kind in turn."""
     out, roots, kinds = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve(), sys.argv[3:]
     for kind in kinds or ["wheel", "deb", "portable", "source"]:
+        if kind not in KINDS:
+            sys.exit(f"{kind}: one of {', '.join(KINDS)}")
         with tempfile.TemporaryDirectory(prefix="skein-install-") as folder:
-            {"wheel": wheel, "deb": deb, "portable": portable, "source": source}[kind](out, roots, Path(folder))
+            KINDS[kind](out, roots, Path(folder))
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ pages! {
     start: "deploy/book/src/start.md",
     for_operators: "deploy/book/src/for-operators.md",
     for_law_authors: "deploy/book/src/for-law-authors.md",
+    install: "deploy/book/src/install.md",
     scenarios: "deploy/book/src/scenarios.md",
     laws: "deploy/book/src/laws.md",
     laws_rust: "deploy/book/src/laws-rust.md",
