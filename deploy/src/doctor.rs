@@ -2,8 +2,8 @@
 //!
 //! | module | what it checks |
 //! | --- | --- |
-//! | [`network`] | ports, loopback, firewall, X-Plane's beacon |
-//! | [`machine`] | processor, clock, limits of this user, disk, Python |
+//! | `network` | ports, loopback, firewall, X-Plane's beacon |
+//! | `machine` | processor, clock, limits of this user, disk, Python |
 
 mod firewall;
 mod machine;

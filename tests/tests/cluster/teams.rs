@@ -60,7 +60,7 @@ pub(super) fn fly() {
     let recorded = record("--out fleet.mcap");
     assert!(recorded.out.contains("fleet.mcap: 4 vehicles at "), "{recorded}");
     let page = lab.operator().sh("skein report fleet.mcap --out pages");
-    assert!(page.status == Some(0) && page.out.contains("pages/index.html"), "{page}");
+    assert!(page.status == Some(0) && page.to_string().contains("pages/index.html"), "{page}");
 
     let (killed, place) = KILLED;
     let uptime_s = |status: &Finished| each(status, "said")[place]["uptime_s"].as_f64();
