@@ -225,7 +225,7 @@ fn of_garbage_only_what_was_written_is_read_repaired_and_merged() {
         assert_repaired_and_merged_alike(&place.file("garbage.mcap", &bytes), &to, &whole);
     }
     let text = place.file("scenario.mcap", b"[swarm]\nvehicles = 4\n");
-    assert_eq!(read(&text).unwrap_err().to_string(), format!("{}: not an MCAP file", text.display()));
+    assert_eq!(read(&text).unwrap_err().to_string(), format!("{}: not an MCAP file, so no recording", text.display()));
     let nothing = place.0.path().join("nothing.mcap");
     assert!(matches!(read(&nothing), Err(RecordError::Io { .. })));
     let drafts = fs::read_dir(place.0.path()).unwrap().flatten();
