@@ -1,9 +1,9 @@
 """Installs what `deploy/release` has built, in fresh systems and environments, flies each, and prints a table.
 
-    install.py OUT ROOTS [wheel|deb|portable|source|unpacked]...
+    install.py OUT ROOTS [wheel|deb|portable|source|compile|unpacked]...
 
 OUT is the folder of the release, ROOTS that of the Debian systems `bullseye` and `trixie`, into which `deb` and `portable`
-install as root. `unpacked` only unpacks the Debian package, and needs neither. The Python packages of `tests/requirements.txt`
+install as root. `unpacked` only unpacks the Debian package, `compile` only compiles: they need neither. The Python packages of `tests/requirements.txt`
 read the recording of each flight.
 """
 
@@ -38,6 +38,19 @@ def run(*command, **more):
     return done.stdout
 
 
+def row(name, text):
+    """Prints a row of the table."""
+    print(f"{name:24} {text}", flush=True)
+
+
+def compiled(package, profile, cwd, env):
+    """Compiles a package from nothing; gives the processor time that it took, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    run("cargo", "build", "--profile", profile, "--locked", "--offline", "-p", package, cwd=cwd, env=env)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
 def first_above(recording):
     """When the first helicopter was above the height, in seconds of the PC's clock, and how many flew so high."""
     first, high = None, set()
@@ -62,7 +75,7 @@ def flown(name, program, folder, begin, outside=None):
     if metrics["revision"] not in version:
         sys.exit(f"{name}: the flight names revision {metrics['revision']}, and --version says\n{version}")
     wants = next(line.split("  ")[1] for line in version.splitlines() if line.startswith("C library"))
-    print(f"{name:24} installed {start - begin:6.1f} s, above {HEIGHT_M} m {above - begin:6.1f} s after the start; {wants}", flush=True)
+    row(name, f"installed {start - begin:6.1f} s, above {HEIGHT_M} m {above - begin:6.1f} s after the start; {wants}")
 
 
 def only(out, pattern):
@@ -143,22 +156,51 @@ def source(out, roots, folder):
     (folder / "cargo").mkdir()
     env = {**os.environ, "CARGO_HOME": str(folder / "cargo")}
     env.pop("CARGO_TARGET_DIR", None)
-    for package in ["skein-agent", "skein"]:
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        run("unshare", "--net", "cargo", "build", "--release", "--locked", "--offline", "-p", package, cwd=tree, env=env)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        spent_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        print(f"source: {package} built without network in {spent_s:.0f} s of processor time", flush=True)
+    env["CARGO_BUILD_TARGET_DIR"] = str(tree / "target")
+    run("unshare", "--net", "cargo", "build", "--release", "--locked", "--offline", "-p", "skein", cwd=tree, env=env)
     flown("source", [tree / "target/release/skein"], folder / "source", begin)
 
 
-KINDS = {"wheel": wheel, "deb": deb, "portable": portable, "source": source, "unpacked": unpacked}
+#: The crates on which Skein is to stand, with the features that they have by default.
+EMPTY = """[package]
+name = "empty"
+version = "0.1.0"
+edition = "2024"
+[dependencies]
+nalgebra = "*"
+postcard = { version = "*", features = ["use-std"] }
+serde = { version = "*", features = ["derive"] }
+tokio = { version = "*", features = ["full"] }
+zenoh = "*"
+[workspace]
+"""
+
+
+def compile(out, roots, folder):
+    """What a node needs, against an empty program with the same five crates at the same versions."""
+    ours = Path(__file__).resolve().parents[2]
+    (folder / "src").mkdir()
+    (folder / "src/main.rs").write_text("fn main() {}\n")
+    (folder / "Cargo.toml").write_text(EMPTY)
+    shutil.copy(ours / "Cargo.lock", folder)
+    # Takes the crates that Skein does not use into the copied lock file, and downloads them.
+    run("cargo", "fetch", cwd=folder)
+    for profile in ["dev", "release"]:
+        empty_s, agent_s = (
+            compiled(package, profile, where, {**os.environ, "CARGO_TARGET_DIR": str(folder / "target" / package)})
+            for package, where in [("empty", folder), ("skein-agent", ours)]
+        )
+        text = f"{agent_s:4.0f} s of processor time, {empty_s:4.0f} s an empty program with the same five crates: {agent_s / empty_s:.2f}"
+        row(f"skein-agent, {profile}", text)
+
+
+KINDS = {"wheel": wheel, "deb": deb, "portable": portable, "source": source, "compile": compile, "unpacked": unpacked}
 
 
 def main():
     """Installs and flies each kind in turn."""
     out, roots, kinds = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve(), sys.argv[3:]
-    for kind in kinds or ["wheel", "deb", "portable", "source"]:
+    for kind in kinds or ["wheel", "deb", "portable", "source", "compile"]:
         if kind not in KINDS:
             sys.exit(f"{kind}: one of {', '.join(KINDS)}")
         with tempfile.TemporaryDirectory(prefix="skein-install-") as folder:

@@ -45,6 +45,14 @@ def test_a_law_learns_and_flies_in_a_study_as_in_training(same_bits):
     study = skein.study("hover", seeds=2, set={"duration_s": 40}, law=learn_ring.Learned, parameters=parameters)
     same_bits(env.figures(), study.runs)
 
+    # In real time the law is a process per vehicle, behind a network: the same flight, not the same bits.
+    swarm = {"swarm.name": f"learned-{os.getpid()}"}
+    live = skein.fly("hover", law=learn_ring.Learned, parameters=parameters, set=swarm, seed=0, duration_s=40, quiet=True)
+    flown, trained = live.runs.iloc[0], study.runs.iloc[0]
+    assert flown["collisions"] == flown["crashes"] == 0
+    for figure, within in {"min_separation_m": 1.0, "radial_rms_m": 1.0, "spacing_error_deg": 5.0}.items():
+        assert flown[figure] == pytest.approx(trained[figure], abs=within), (figure, flown[figure], trained[figure])
+
 
 def test_the_bench_prints_a_ratio(capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["bench_env.py", "--worlds", "2", "--duration", "2", "--repeat", "1"])
