@@ -5,19 +5,24 @@
 //! to read-only ones are ignored. A subscription is identified by the client's address, port and index, and lasts until
 //! the client ends it. A written value takes effect in the next frame. An axis without an override belongs to the
 //! pilot, whose controls are always centred here.
+//!
+//! While it is paused, time and aircraft stand still, and the messages go on. A reset gives the overrides back.
 
 mod clients;
 mod datarefs;
+mod output;
 
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
 
 use super::wire::becn::{self, Beacon};
 use super::wire::dref::{self, Write};
+use super::wire::operation::{self, Command, End};
 use super::wire::prel::{self, Placement};
-use super::wire::{WireError, rpos, rref};
+use super::wire::{WireError, radr, rows, rpos, rref};
 use clients::Clients;
 use datarefs::{Handle, Setting, Settings, Situation};
+use output::{Radar, Rows};
 use skein_core::plant::{Controls, Frame};
 
 /// A client silent for this long counts as gone where that matters, s. Our agents subscribe again every five seconds.
@@ -54,12 +59,28 @@ impl Version {
     }
 }
 
+/// What the caller has to do with the user's own aircraft after a datagram.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Order {
+    /// Put it to this place.
+    Place(Placement),
+    /// Put it back to its start.
+    Reset,
+}
+
 /// State of the simulator's side between frames.
 pub struct Server {
     version: Version,
     frame_rate_hz: u32,
     frames: u64,
+    /// Frames in which time stood still.
+    paused_frames: u64,
+    is_paused: bool,
+    /// Datagrams that would have ended X-Plane or the computer.
+    refused_ends: u64,
     clients: Clients,
+    rows: Rows,
+    radar: Radar,
     settings: Settings,
     has_collective: bool,
     malformed: u64,
@@ -76,6 +97,11 @@ impl Server {
             version,
             frame_rate_hz,
             frames: 0,
+            paused_frames: 0,
+            is_paused: false,
+            refused_ends: 0,
+            rows: Rows::default(),
+            radar: Radar::default(),
             clients: Clients::new(frame_rate_hz, PRESUMED_GONE_S * u64::from(frame_rate_hz)),
             settings: Settings::new(),
             has_collective: false,
@@ -86,28 +112,68 @@ impl Server {
         }
     }
 
-    /// Processes a datagram. Returns a placement of the user's own aircraft, which the caller has to carry out.
+    /// Processes a datagram. Returns what the caller has to do with the user's own aircraft.
     #[must_use]
-    pub fn handle(&mut self, datagram: &[u8], from: SocketAddr) -> Option<Placement> {
+    pub fn handle(&mut self, datagram: &[u8], from: SocketAddr) -> Option<Order> {
         self.clients.received(from, self.frames);
         let outcome = match datagram.first_chunk() {
-            Some(&rpos::TAG) => self.subscribe_position(datagram, from),
-            Some(&rref::TAG) => self.subscribe_value(datagram, from),
-            Some(&dref::TAG) => self.write(datagram),
-            Some(&prel::TAG) => match Placement::decode(datagram) {
-                Ok(placement) if placement.aircraft == 0 => return Some(placement),
-                Ok(_) => Ok(()),
-                Err(error) => Err(error),
-            },
-            _ => Ok(()),
+            Some(&rpos::TAG) => self.subscribe_position(datagram, from).map(|()| None),
+            Some(&rref::TAG) => self.subscribe_value(datagram, from).map(|()| None),
+            Some(&dref::TAG) => self.write(datagram).map(|()| None),
+            Some(&prel::TAG) => Placement::decode(datagram)
+                .map(|placement| (placement.aircraft == 0).then_some(Order::Place(placement))),
+            Some(&operation::CMND) => Command::decode(datagram).map(|command| self.run(command)),
+            Some(&rows::TAG) => rows::decode_rows(datagram).map(|rows| {
+                self.has_collective |= output::write(&rows, &mut self.settings);
+                None
+            }),
+            Some(&radr::TAG) => radr::RadarRequest::decode(datagram)
+                .map(|request| self.radar.subscribe(from, request, self.frame_rate_hz))
+                .map(|()| None),
+            Some(tag) if End::ALL.iter().any(|end| end.tag() == *tag) => {
+                // A class of students shares a network: nobody ends the simulator of another.
+                self.refused_ends += 1;
+                Ok(None)
+            }
+            Some(_) => self.rows.handle(datagram, from).map(|()| None),
+            None => Err(WireError::WrongSize),
         };
-        if let Err(error) = outcome {
+        outcome.unwrap_or_else(|error| {
             self.malformed += 1;
             if self.malformed.is_power_of_two() {
                 tracing::debug!(malformed = self.malformed, %from, "ignored a datagram: {error}");
             }
+            None
+        })
+    }
+
+    /// Runs a command; others than these do nothing here.
+    fn run(&mut self, command: Command<'_>) -> Option<Order> {
+        match command.path {
+            "sim/operation/pause_toggle" => self.is_paused = !self.is_paused,
+            "sim/operation/pause_on" => self.is_paused = true,
+            "sim/operation/pause_off" => self.is_paused = false,
+            "sim/operation/reset_flight"
+            | "sim/operation/reset_to_runway"
+            | "sim/operation/go_to_default"
+            | "sim/operation/reload_aircraft"
+            | "sim/operation/reload_aircraft_no_art" => {
+                (self.settings, self.has_collective) = (Settings::new(), false);
+                return Some(Order::Reset);
+            }
+            path => tracing::debug!(path, "a command without effect here"),
         }
         None
+    }
+
+    /// Whether time stands still.
+    pub fn is_paused(&self) -> bool {
+        self.is_paused
+    }
+
+    /// Number of datagrams so far that would have ended X-Plane or the computer.
+    pub fn refused_ends(&self) -> u64 {
+        self.refused_ends
     }
 
     fn subscribe_position(&mut self, datagram: &[u8], from: SocketAddr) -> Result<(), WireError> {
@@ -170,7 +236,9 @@ impl Server {
     /// Ends a frame: passes each datagram that is due to `send`, the values before the position.
     pub fn publish(&mut self, frame: &Frame, mut send: impl FnMut(SocketAddr, &[u8])) {
         self.frames += 1;
-        let situation = Situation::new(frame, self.running_s(), self.frame_period_s(), self.version.internal());
+        self.paused_frames += u64::from(self.is_paused);
+        let mut situation = Situation::new(frame, self.running_s(), self.frame_period_s(), self.version.internal());
+        situation.is_paused = self.is_paused;
         for client in &mut self.clients.all {
             self.pairs.clear();
             for value in &mut client.values {
@@ -187,6 +255,13 @@ impl Server {
                 situation.position.encode(&mut self.outgoing);
                 send(client.address, &self.outgoing);
             }
+        }
+        let version = self.version;
+        if let Some(to) = self.rows.due(&situation, &self.settings, version, &mut self.outgoing) {
+            send(to, &self.outgoing);
+        }
+        if let Some(to) = self.radar.due(&situation, version, self.frame_rate_hz, &mut self.outgoing) {
+            send(to, &self.outgoing);
         }
     }
 
@@ -210,6 +285,7 @@ impl Server {
     /// Removes the client at this address, which has gone.
     pub fn forget(&mut self, client: SocketAddr) {
         self.clients.forget(client);
+        self.radar.forget(client);
     }
 
     /// Whether a subscriber has sent anything lately.
@@ -224,7 +300,7 @@ impl Server {
     }
 
     fn running_s(&self) -> f64 {
-        self.frames as f64 * self.frame_period_s()
+        (self.frames - self.paused_frames) as f64 * self.frame_period_s()
     }
 
     fn frame_period_s(&self) -> f64 {

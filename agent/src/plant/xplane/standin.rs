@@ -3,7 +3,8 @@
 //! In each frame it reads the received datagrams, moves the aircraft and sends what is due, as X-Plane does. A frame is
 //! one or more ticks of the model, which are 20 ms long. On a slow computer simulated time falls behind, as in X-Plane.
 //! The ground is flat, at the height given in the options. A placement puts the helicopter on the ground at rest,
-//! whatever elevation and speed it asks for.
+//! whatever elevation and speed it asks for; a reset puts it back to its start. While it is paused, it stands still, in
+//! the air as well.
 
 use std::fs;
 use std::io;
@@ -19,7 +20,7 @@ use skein_common::id::VehicleId;
 use skein_host::clock::{now, sleep_until};
 use socket2::SockRef;
 
-use super::server::{Server, Version};
+use super::server::{Order, Server, Version};
 use super::socket::{Port, Received, is_receiver_down, is_this_host};
 use super::wire::{self, becn, prel::Placement, rpos};
 use skein_core::helicopter::{BuiltInVehicle, ParameterError, Parameters, Start, TICK_S, Weather};
@@ -156,6 +157,8 @@ pub struct Standin {
     options: StandinOptions,
     parameters: Parameters,
     weather: Weather,
+    /// Place and heading, rad, to which a reset returns.
+    start: (Geodetic, f64),
     ticks_per_frame: u32,
     vehicle: BuiltInVehicle,
     server: Server,
@@ -188,6 +191,7 @@ impl Standin {
             options: options.clone(),
             parameters,
             weather,
+            start,
             ticks_per_frame,
             server: Server::new(options.version, options.rate),
             split: options.split_ports.then(|| Split::open(listen)).transpose().map_err(bind)?,
@@ -229,7 +233,8 @@ impl Standin {
         self.announce();
         self.receive();
         let controls = self.server.take_controls();
-        for _ in 0..self.ticks_per_frame {
+        let ticks = if self.server.is_paused() { 0 } else { self.ticks_per_frame };
+        for _ in 0..ticks {
             self.vehicle.advance(controls);
         }
         let mut gone = None;
@@ -260,16 +265,20 @@ impl Standin {
             match self.port.receive(None) {
                 // Like its beacon, the stand-in is for this computer only.
                 Received::Datagram(_, from) if !is_this_host(from.ip()) => {}
-                Received::Datagram(size, from) => {
-                    if let Some(placement) = self.server.handle(self.port.datagram(size), from) {
-                        self.place(&placement);
-                    }
-                }
+                Received::Datagram(size, from) => match self.server.handle(self.port.datagram(size), from) {
+                    Some(Order::Place(placement)) => self.place(&placement),
+                    Some(Order::Reset) => self.reset(),
+                    None => {}
+                },
                 // A subscriber has gone, but the error does not say which; the table's bound covers it.
                 Received::Fault => {}
                 Received::Nothing => return,
             }
         }
+    }
+
+    fn reset(&mut self) {
+        self.vehicle = vehicle(&self.options, &self.parameters, &self.weather, self.start);
     }
 
     fn place(&mut self, placement: &Placement) {

@@ -10,13 +10,21 @@
 //! | [`rref`] | send me a dataref | values of datarefs |
 //! | [`dref`] | write a dataref | – |
 //! | [`prel`] | place an aircraft | – |
+//! | [`aircraft`] | set its pose, load it, load and place it | – |
+//! | [`rows`] | write rows of numbers, select rows, name their receiver | rows of numbers |
+//! | [`operation`] | run a command, save or load a situation, show a message, end X-Plane | – |
+//! | [`radr`] | send me the weather radar | its points |
 //!
 //! Layouts: Laminar Research, "Exchanging Data with X-Plane". Where X-Plane deviates from that text (the beacon's name,
 //! the padding of paths), the code follows what clients receive.
 
+pub mod aircraft;
 pub mod becn;
 pub mod dref;
+pub mod operation;
 pub mod prel;
+pub mod radr;
+pub mod rows;
 pub mod rpos;
 pub mod rref;
 
@@ -104,6 +112,13 @@ impl<'a> Fields<'a> {
         if value.is_finite() { Ok(value) } else { Err(WireError::NonFinite) }
     }
 
+    /// The next bytes up to the first NUL among them, of a text field of this length.
+    fn field(&mut self, length: usize) -> Result<&'a [u8], WireError> {
+        let (field, rest) = self.0.split_at_checked(length).ok_or(WireError::WrongSize)?;
+        self.0 = rest;
+        Ok(Fields(field).text())
+    }
+
     /// The remaining bytes up to the first NUL; padding after it is ignored.
     fn text(self) -> &'a [u8] {
         self.0.split(|&byte| byte == 0).next().unwrap_or_default()
@@ -128,6 +143,45 @@ fn finish_with_text(out: &mut Vec<u8>, text: &str, total: usize) -> Result<(), W
     out.extend_from_slice(text.as_bytes());
     out.resize(total, 0);
     Ok(())
+}
+
+/// Refuses a text that is longer than `max` bytes or contains a NUL.
+fn fits(text: &str, max: usize) -> Result<(), WireError> {
+    match text {
+        _ if text.contains('\0') => Err(WireError::NotText),
+        _ if text.len() > max => Err(WireError::TooLong),
+        _ => Ok(()),
+    }
+}
+
+/// Appends a text field of this length, padded with NULs. A longer text is cut: callers check it by [`fits`].
+fn put_text(out: &mut Vec<u8>, text: &str, length: usize) {
+    let end = out.len() + length;
+    out.extend(text.bytes().take(length));
+    out.resize(end, 0);
+}
+
+/// Checks a text: UTF-8 without control characters.
+fn text(bytes: &[u8]) -> Result<&str, WireError> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) if !text.contains(char::is_control) => Ok(text),
+        _ => Err(WireError::NotText),
+    }
+}
+
+/// Reads a rate: decimal digits up to a NUL or to the end; padding after the NUL is ignored.
+fn decimal(body: &[u8]) -> Result<u32, WireError> {
+    let digits = Fields(body).text();
+    if digits.is_empty() || !digits.iter().all(u8::is_ascii_digit) {
+        return Err(WireError::NotText);
+    }
+    std::str::from_utf8(digits).map_err(|_| WireError::NotText)?.parse().map_err(|_| WireError::OutOfRange)
+}
+
+/// Appends a rate as digits and a NUL.
+fn put_decimal(out: &mut Vec<u8>, rate_hz: u32) {
+    out.extend_from_slice(rate_hz.to_string().as_bytes());
+    out.push(0);
 }
 
 /// Checks a dataref's path, which is printable ASCII.

@@ -10,7 +10,7 @@ pub(super) const MAX_CLIENTS: usize = 64;
 pub(super) const MAX_SUBSCRIPTIONS: usize = 1000;
 
 /// Decides in which frames something is sent `rate_hz` times a second; the rate is exact on average.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Schedule {
     rate_hz: u32,
     /// Grows by the rate every frame; at the frame rate the thing is due.
@@ -19,9 +19,15 @@ pub(super) struct Schedule {
 
 impl Schedule {
     /// Due in the next frame and then at the rate, at most once a frame.
-    fn new(rate_hz: u32, frame_rate_hz: u32) -> Self {
+    pub(super) fn new(rate_hz: u32, frame_rate_hz: u32) -> Self {
         let rate_hz = rate_hz.min(frame_rate_hz);
         Self { rate_hz, phase: frame_rate_hz - rate_hz }
+    }
+
+    /// Changes the rate; the phase stays if it is the same.
+    pub(super) fn set_rate(&mut self, rate_hz: u32, frame_rate_hz: u32) {
+        let new = Self::new(rate_hz, frame_rate_hz);
+        *self = if self.rate_hz == new.rate_hz { *self } else { new };
     }
 
     /// Advances by one frame; returns whether the thing is due in it.

@@ -17,6 +17,7 @@ pub(super) struct Situation {
     pub(super) flight_s: f64,
     pub(super) frame_period_s: f64,
     pub(super) version: i32,
+    pub(super) is_paused: bool,
 }
 
 impl Situation {
@@ -28,6 +29,7 @@ impl Situation {
             flight_s: frame.time.seconds(),
             frame_period_s,
             version,
+            is_paused: false,
         }
     }
 }
@@ -45,10 +47,11 @@ pub(super) enum Setting {
     Collective,
     Throttle,
     Governor,
+    DataRate,
 }
 
 impl Setting {
-    const COUNT: usize = Self::Governor as usize + 1;
+    const COUNT: usize = Self::DataRate as usize + 1;
 
     /// The number that X-Plane stores when this one is written.
     fn stored_value(self, value: f32) -> f32 {
@@ -59,6 +62,7 @@ impl Setting {
             }
             Self::Roll | Self::Pitch | Self::Yaw => value.clamp(-1.0, 1.0),
             Self::Collective | Self::Throttle => value.clamp(0.0, 1.0),
+            Self::DataRate => value.trunc().clamp(1.0, 99.0),
         }
     }
 }
@@ -73,6 +77,7 @@ impl Settings {
         let mut settings = Self([[0.0; ENGINES]; Setting::COUNT]);
         settings.0[Setting::Throttle as usize] = [1.0; ENGINES];
         settings.0[Setting::Governor as usize] = [1.0; ENGINES];
+        settings.0[Setting::DataRate as usize] = [20.0; ENGINES];
         settings
     }
 
@@ -83,6 +88,11 @@ impl Settings {
 
     pub(super) fn set_first(&mut self, setting: Setting, value: f32) {
         self.0[setting as usize][0] = value;
+    }
+
+    /// Stores what a client writes into an element.
+    pub(super) fn store(&mut self, setting: Setting, element: usize, value: f32) {
+        self.0[setting as usize][element] = setting.stored_value(value);
     }
 }
 
@@ -140,13 +150,16 @@ static DATAREFS: &[Dataref] = &{
         per_engine("sim/cockpit2/engine/indicators/prop_speed_rpm", Computed(|s| rpm_from_rad_s(s.rotor_speed_rad_s))),
         per_engine("sim/flightmodel/engine/POINT_tacrad", Computed(|s| s.rotor_speed_rad_s)),
         per_engine("sim/flightmodel/engine/ENGN_running", Computed(|_| 1.0)),
-        // Time and version. The stand-in is never paused.
+        // Time and version. The stand-in has no replay.
         scalar("sim/time/total_running_time_sec", Computed(|s| s.running_s)),
         scalar("sim/time/total_flight_time_sec", Computed(|s| s.flight_s)),
-        scalar("sim/time/paused", Computed(|_| 0.0)),
+        scalar("sim/time/paused", Computed(|s| s.is_paused.into())),
         scalar("sim/time/is_in_replay", Computed(|_| 0.0)),
+        scalar("sim/time/sim_speed_actual", Computed(|s| f64::from(!s.is_paused))),
         scalar("sim/operation/misc/frame_rate_period", Computed(|s| s.frame_period_s)),
         scalar("sim/version/xplane_internal_version", Computed(|s| s.version.into())),
+        // Rows a second.
+        scalar("sim/network/dataout/network_data_rate", Kept(DataRate)),
         // Controls.
         scalar("sim/operation/override/override_joystick", Kept(OverrideJoystick)),
         scalar("sim/operation/override/override_joystick_roll", Kept(OverrideRoll)),
@@ -164,7 +177,7 @@ static DATAREFS: &[Dataref] = &{
     ]
 };
 
-fn groundspeed_m_s(situation: &Situation) -> f64 {
+pub(super) fn groundspeed_m_s(situation: &Situation) -> f64 {
     math::hypot(f64::from(situation.position.velocity_east_m_s), situation.position.velocity_south_m_s.into())
 }
 
@@ -199,7 +212,7 @@ impl Handle {
         let setting = match self.dataref.source {
             Source::Computed(_) => return None,
             Source::Kept(setting) => {
-                settings.0[setting as usize][self.element] = setting.stored_value(value);
+                settings.store(setting, self.element, value);
                 setting
             }
             Source::All(setting) => {

@@ -9,6 +9,8 @@ use super::*;
 use crate::plant::xplane::wire::rpos::Position;
 use skein_core::plant::{GroundTruth, Measurement};
 
+mod simulation;
+
 const RATE_HZ: u32 = 50;
 const JOYSTICK: &str = "sim/operation/override/override_joystick";
 const ROLL: &str = "sim/joystick/yoke_roll_ratio";
@@ -320,7 +322,7 @@ fn only_the_users_own_aircraft_is_placed_and_only_at_coordinates() {
     };
     let mut datagram = Vec::new();
     placement.encode(&mut datagram);
-    assert_eq!(bench.server.handle(&datagram, client(1)), Some(placement));
+    assert_eq!(bench.server.handle(&datagram, client(1)), Some(Order::Place(placement)));
     bench.send(client(1), |out| Placement { aircraft: 1, ..placement }.encode(out));
     datagram[5] = 11;
     assert_eq!(bench.server.handle(&datagram, client(1)), None);
@@ -328,16 +330,31 @@ fn only_the_users_own_aircraft_is_placed_and_only_at_coordinates() {
 }
 
 #[test]
-fn wrong_sizes_are_counted_and_other_messages_are_ignored() {
+fn wrong_sizes_are_counted_and_unknown_messages_are_ignored() {
     let mut bench = Bench::new();
-    for datagram in [&b"RREF\0short"[..], b"DREF\0short", b"RPOS\0", b"RPOS\0abc\0", b"PREL\0", b"RREF"] {
+    let wrong = [
+        &b"RREF\0short"[..],
+        b"DREF\0short",
+        b"RPOS\0",
+        b"RPOS\0abc\0",
+        b"PREL\0",
+        b"RREF",
+        b"",
+        b"RP",
+        b"CMND\0",
+        b"DATA\0short",
+        b"DSEL\0a",
+        b"ISE4\0",
+        b"RADR\0x",
+    ];
+    for (nth, datagram) in wrong.into_iter().enumerate() {
+        bench.send(client(1), |out| out.extend_from_slice(datagram));
+        assert_eq!(bench.server.malformed(), nth as u64 + 1, "{datagram:?}");
+    }
+    for datagram in [&b"CMND\0sim/no/such/command"[..], b"QUIT\0", b"VEHX\0", b"hello"] {
         bench.send(client(1), |out| out.extend_from_slice(datagram));
     }
-    assert_eq!(bench.server.malformed(), 6);
-    for datagram in [&b""[..], b"RP", b"CMND\0sim/operation/pause_toggle", b"QUIT\0", b"hello"] {
-        bench.send(client(1), |out| out.extend_from_slice(datagram));
-    }
-    assert_eq!(bench.server.malformed(), 6);
+    assert_eq!(bench.server.malformed(), wrong.len() as u64);
 }
 
 #[test]
@@ -427,11 +444,13 @@ proptest! {
                 Some(&rref::TAG) => rref::DatarefRequest::decode(&datagram).err(),
                 Some(&dref::TAG) => Write::decode(&datagram).err(),
                 Some(&prel::TAG) => Placement::decode(&datagram).err(),
-                _ => None,
+                Some(_) => None,
+                None => Some(WireError::WrongSize),
             };
             malformed += u64::from(error.is_some());
             prop_assert_eq!(bench.server.malformed(), malformed);
-            prop_assert_eq!(placed, Placement::decode(&datagram).ok().filter(|placement| placement.aircraft == 0));
+            let placement = Placement::decode(&datagram).ok().filter(|placement| placement.aircraft == 0);
+            prop_assert_eq!(placed, placement.map(Order::Place));
             if let Some(controls) = bench.frame() {
                 prop_assert!(controls.is_within_limits());
             }

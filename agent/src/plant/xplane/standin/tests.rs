@@ -4,6 +4,7 @@ use clap::Parser;
 
 use super::*;
 use crate::plant::xplane::wire::dref::Write;
+use crate::plant::xplane::wire::operation::Command;
 use crate::plant::xplane::wire::rpos::{self, Position};
 use crate::plant::xplane::wire::{MAX_DATAGRAM, rref};
 
@@ -74,6 +75,31 @@ fn the_helicopter_rests_at_its_start_until_a_client_flies_it() {
     bench.set("sim/operation/override/override_joystick", 0.0);
     bench.position_after(1);
     assert_eq!(bench.standin.server.take_controls(), None);
+}
+
+#[test]
+fn a_pause_holds_the_helicopter_in_the_air_and_a_reset_returns_it_to_its_start() {
+    let mut bench = Bench::new(&["--lat", "28", "--lon=-82.5", "--heading", "90"]);
+    let fly = |bench: &Bench| {
+        bench.set("sim/operation/override/override_joystick", 1.0);
+        bench.set("sim/joystick/yoke_roll_ratio", 0.0185);
+        bench.set("sim/cockpit2/engine/actuators/prop_ratio[0]", 0.7);
+    };
+    let run = |bench: &Bench, path: &str| bench.send(|out| Command { path }.encode(out).unwrap());
+    fly(&bench);
+    bench.position_after(50);
+    run(&bench, "sim/operation/pause_on");
+    let held = bench.position_after(1);
+    assert!(held.height_m > 0.5, "{held:?}");
+    assert_eq!(bench.position_after(50), held);
+    run(&bench, "sim/operation/pause_off");
+    assert!(bench.position_after(10).height_m > held.height_m + 0.1);
+
+    run(&bench, "sim/operation/reset_flight");
+    let standing = bench.position_after(50);
+    assert!((standing.height_m - 0.242).abs() < 0.01 && (standing.longitude_deg + 82.5).abs() < 1e-9, "{standing:?}");
+    fly(&bench);
+    assert!(bench.position_after(50).height_m > 0.5, "a client takes the controls again");
 }
 
 #[test]

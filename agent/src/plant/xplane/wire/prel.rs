@@ -1,7 +1,7 @@
 //! PREL: places an aircraft. Of its start types only type 6 is supported: latitude, longitude and elevation, with empty
 //! airport fields.
 
-use super::{Tag, WireError, begin, body_of_size};
+use super::{Fields, Tag, WireError, begin, body_of_size};
 
 /// Tag of the message.
 pub const TAG: Tag = *b"PREL";
@@ -11,7 +11,7 @@ pub const SIZE: usize = 69;
 /// Start type: latitude, longitude, elevation.
 const AT_A_PLACE: i32 = 6;
 /// Number of aircraft in X-Plane; the user's is number 0.
-const AIRCRAFT: i32 = 20;
+pub(super) const AIRCRAFT: i32 = 20;
 
 /// Placement of an aircraft, in flight or on the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,7 +36,11 @@ impl Placement {
     /// # Errors
     /// If the datagram is not a placement, has another start type, or has a number out of range.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
-        let mut fields = body_of_size(datagram, &TAG, SIZE)?;
+        Self::read(&mut body_of_size(datagram, &TAG, SIZE)?)
+    }
+
+    /// Reads the fields of a placement.
+    pub(super) fn read(fields: &mut Fields<'_>) -> Result<Self, WireError> {
         let (start, aircraft) = (fields.i32()?, fields.i32()?);
         let _airport: [u8; 16] = fields.array()?;
         let placement = Self {
@@ -55,6 +59,11 @@ impl Placement {
     /// Encodes the placement.
     pub fn encode(&self, out: &mut Vec<u8>) {
         begin(out, &TAG, 0);
+        self.write(out);
+    }
+
+    /// Appends the fields of the placement.
+    pub(super) fn write(&self, out: &mut Vec<u8>) {
         out.extend(AT_A_PLACE.to_le_bytes());
         out.extend(i32::from(self.aircraft).to_le_bytes());
         out.extend([0; 16]);

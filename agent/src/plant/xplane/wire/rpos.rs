@@ -1,6 +1,6 @@
 //! RPOS: the position stream. Positions are in double precision and carry no time stamp.
 
-use super::{Tag, WireError, begin, body, body_of_size};
+use super::{Tag, WireError, begin, body, body_of_size, decimal, put_decimal};
 
 /// Tag of the message.
 pub const TAG: Tag = *b"RPOS";
@@ -20,19 +20,13 @@ impl PositionRequest {
     /// # Errors
     /// If the datagram is not a subscription.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
-        let text = body(datagram, &TAG)?.split(|&byte| byte == 0).next().unwrap_or_default();
-        if text.is_empty() || !text.iter().all(u8::is_ascii_digit) {
-            return Err(WireError::NotText);
-        }
-        let rate_hz = std::str::from_utf8(text).map_err(|_| WireError::NotText)?;
-        Ok(Self { rate_hz: rate_hz.parse().map_err(|_| WireError::OutOfRange)? })
+        Ok(Self { rate_hz: decimal(body(datagram, &TAG)?)? })
     }
 
     /// Encodes the rate as digits and a NUL.
     pub fn encode(&self, out: &mut Vec<u8>) {
         begin(out, &TAG, 0);
-        out.extend_from_slice(self.rate_hz.to_string().as_bytes());
-        out.push(0);
+        put_decimal(out, self.rate_hz);
     }
 }
 

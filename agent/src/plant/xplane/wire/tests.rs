@@ -6,6 +6,8 @@ use super::prel::Placement;
 use super::rpos::Position;
 use super::*;
 
+mod messages;
+
 /// Bytes of a layout written by hand: fields in hexadecimal, separated by spaces; `N*00` means N zero bytes.
 fn typed(layout: &str) -> Vec<u8> {
     let mut bytes = Vec::new();

@@ -1,0 +1,176 @@
+//! DATA: rows of eight numbers as on X-Plane's Data Output screen, both ways; DSEL, USEL, DCOC and UCOC: which rows it
+//! puts out; ISE4 and ISE6: where it sends them.
+//!
+//! Rows are numbered from 0. X-Plane never sends rows to the program that selected them, but to the address of target
+//! [`DATA_OUTPUT`] only.
+
+use std::net::IpAddr;
+
+use super::{Fields, Tag, WireError, begin, body, body_of_size, put_text, text};
+
+/// Tag of the rows.
+pub const TAG: Tag = *b"DATA";
+/// Largest number of rows in a datagram that is not split on an Ethernet.
+pub const MAX_ROWS: usize = 40;
+/// The number that stands for "no value".
+const NO_VALUE: f32 = -999.0;
+/// Length of a row, bytes.
+const ROW_SIZE: usize = 36;
+
+/// A row: its number on the Data Output screen, and up to eight numbers, whose meaning and units depend on the row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Number of the row, from 0.
+    pub index: i32,
+    /// `None`: this row has no number there. To X-Plane: leave it as it is.
+    pub values: [Option<f32>; 8],
+}
+
+impl Row {
+    fn read(fields: &mut Fields<'_>) -> Result<Self, WireError> {
+        let index = fields.i32()?;
+        let mut values = [None; 8];
+        for value in &mut values {
+            *value = Some(fields.finite_f32()?).filter(|&number| number != NO_VALUE);
+        }
+        Ok(Self { index, values })
+    }
+}
+
+/// Decodes the rows of a datagram.
+///
+/// # Errors
+/// If the datagram has no rows, a part of one, or a number that is not finite.
+pub fn decode_rows(datagram: &[u8]) -> Result<Vec<Row>, WireError> {
+    let body = body(datagram, &TAG)?;
+    if body.is_empty() || !body.len().is_multiple_of(ROW_SIZE) {
+        return Err(WireError::WrongSize);
+    }
+    body.chunks(ROW_SIZE).map(|row| Row::read(&mut Fields(row))).collect()
+}
+
+/// Encodes one to [`MAX_ROWS`] rows.
+///
+/// # Errors
+/// If there are none, or more.
+pub fn encode_rows(rows: &[Row], out: &mut Vec<u8>) -> Result<(), WireError> {
+    if !(1..=MAX_ROWS).contains(&rows.len()) {
+        return Err(WireError::WrongSize);
+    }
+    begin(out, &TAG, 0);
+    for row in rows {
+        out.extend(row.index.to_le_bytes());
+        row.values.iter().for_each(|value| out.extend(value.unwrap_or(NO_VALUE).to_le_bytes()));
+    }
+    Ok(())
+}
+
+/// What a selection of rows changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// DSEL: send the rows by UDP.
+    Send,
+    /// USEL: send them no longer.
+    DoNotSend,
+    /// DCOC: show the rows in the cockpit.
+    Show,
+    /// UCOC: show them no longer.
+    DoNotShow,
+}
+
+impl Output {
+    /// The four selections.
+    pub const ALL: [Self; 4] = [Self::Send, Self::DoNotSend, Self::Show, Self::DoNotShow];
+
+    /// Tag of the message.
+    pub fn tag(self) -> Tag {
+        match self {
+            Self::Send => *b"DSEL",
+            Self::DoNotSend => *b"USEL",
+            Self::Show => *b"DCOC",
+            Self::DoNotShow => *b"UCOC",
+        }
+    }
+}
+
+/// A selection of rows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Selection {
+    /// What happens with the rows.
+    pub output: Output,
+    /// Numbers of the rows; unknown and repeated ones do no harm.
+    pub rows: Vec<i32>,
+}
+
+impl Selection {
+    /// Decodes a selection.
+    ///
+    /// # Errors
+    /// If the datagram is none of the four messages, or ends within a number.
+    pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
+        let output = Output::ALL.into_iter().find(|output| datagram.starts_with(&output.tag()));
+        let output = output.ok_or(WireError::WrongTag)?;
+        let (numbers, rest) = body(datagram, &output.tag())?.as_chunks::<4>();
+        if !rest.is_empty() {
+            return Err(WireError::WrongSize);
+        }
+        Ok(Self { output, rows: numbers.iter().map(|number| i32::from_le_bytes(*number)).collect() })
+    }
+
+    /// Encodes the selection.
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        begin(out, &self.output.tag(), 0);
+        self.rows.iter().for_each(|row| out.extend(row.to_le_bytes()));
+    }
+}
+
+/// Target of [`Destination`]: the receiver of the rows.
+pub const DATA_OUTPUT: i32 = 64;
+/// Tag of a destination with an IPv4 address.
+pub const ISE4: Tag = *b"ISE4";
+/// Tag of a destination with an address of either kind.
+pub const ISE6: Tag = *b"ISE6";
+
+/// Where X-Plane sends something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Destination {
+    /// What is sent there: [`DATA_OUTPUT`], or another PC of an X-Plane network.
+    pub target: i32,
+    /// Address of the receiver.
+    pub address: IpAddr,
+    /// UDP port of the receiver.
+    pub port: u16,
+    /// Whether it is sent.
+    pub is_on: bool,
+}
+
+impl Destination {
+    /// Decodes a destination in either form; address and port are text.
+    ///
+    /// # Errors
+    /// If the datagram is not a destination, or holds no address or port.
+    pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
+        let is_4 = datagram.starts_with(&ISE4);
+        let mut fields = if is_4 { body_of_size(datagram, &ISE4, 37)? } else { body_of_size(datagram, &ISE6, 85)? };
+        let target = fields.i32()?;
+        let address = text(fields.field(if is_4 { 16 } else { 65 })?)?;
+        // The longer form has a byte of padding behind the port.
+        let port = text(fields.field(if is_4 { 8 } else { 7 })?)?;
+        let address: IpAddr = address.trim().parse().map_err(|_| WireError::NotText)?;
+        if is_4 && address.is_ipv6() {
+            return Err(WireError::OutOfRange);
+        }
+        let port = port.trim().parse().map_err(|_| WireError::OutOfRange)?;
+        Ok(Self { target, address, port, is_on: fields.i32()? != 0 })
+    }
+
+    /// Encodes the destination, in the shorter form if its address is IPv4.
+    pub fn encode(&self, out: &mut Vec<u8>) {
+        let (tag, [address, port]) = if self.address.is_ipv4() { (ISE4, [16, 8]) } else { (ISE6, [65, 7]) };
+        begin(out, &tag, 0);
+        out.extend(self.target.to_le_bytes());
+        put_text(out, &self.address.to_string(), address);
+        put_text(out, &self.port.to_string(), port);
+        out.extend(i32::from(self.is_on).to_le_bytes());
+    }
+}
