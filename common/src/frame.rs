@@ -322,6 +322,13 @@ impl HeadingFrame {
         let Self { sin, cos } = *self;
         Vector2::new(north_east.x * cos + north_east.y * sin, -north_east.x * sin + north_east.y * cos)
     }
+
+    /// Converts components forward and right to a horizontal north-east vector.
+    #[inline]
+    pub fn to_ne(&self, forward_right: Vector2<f64>) -> Vector2<f64> {
+        let Self { sin, cos } = *self;
+        Vector2::new(forward_right.x * cos - forward_right.y * sin, forward_right.x * sin + forward_right.y * cos)
+    }
 }
 
 #[cfg(test)]

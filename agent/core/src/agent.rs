@@ -142,7 +142,7 @@ impl Agent {
             intents: Intents::new(scenario).map(Box::new),
             mission: Mission::new(scenario, aircraft.take_off_rotor_rad_s()),
             formation: Formation::new(own, scenario)?,
-            controller: Controller::new(scenario, rules, trim),
+            controller: Controller::new(scenario, rules, trim, aircraft.gains),
             schedule: SendSchedule::new(own, incarnation, &scenario.network),
             clock: SteadyClock::default(),
             last: LastStep {

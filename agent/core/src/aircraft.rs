@@ -8,7 +8,7 @@ use alloc::string::ToString;
 use serde::Deserialize;
 use skein_common::scenario::{FileKind, ScenarioError, Source, Written};
 
-use crate::control::Trim;
+use crate::control::{Gains, Trim};
 use crate::helicopter::Parameters;
 pub use profile::{BadDataref, Dataref, Profile, name_and_element};
 
@@ -18,6 +18,9 @@ pub use profile::{BadDataref, Dataref, Profile, name_and_element};
 pub struct Aircraft {
     /// Controls and attitude in a hover without wind.
     pub trim: Trim,
+    /// Factors on the movement of each control about its trim.
+    #[serde(default)]
+    pub gains: Gains,
     /// Main rotor speed in flight, rad/s, for an aircraft without a flight model. If neither is given, the agent takes
     /// off without waiting for the rotor.
     pub rotor_speed_rad_s: Option<f64>,

@@ -21,6 +21,7 @@
 //! which the rules command that velocity. Only this stage uses them ([`Setpoint::error_ne_m`]).
 
 mod fis;
+mod gains;
 mod membership;
 mod stage;
 mod sugeno;
@@ -38,6 +39,7 @@ use crate::estimate::Estimate;
 use crate::plant::Controls;
 
 pub use fis::{Fis, FisError};
+pub use gains::{BadGain, Gains};
 pub use stage::{Controller, StageOutput};
 pub use sugeno::Sugeno;
 pub(crate) use trim::VELOCITY_PER_ERROR_PER_S;
@@ -195,6 +197,7 @@ impl Rules {
 pub struct VehicleController {
     rules: Rules,
     trim: Trim,
+    gains: Gains,
     auto_trim: Option<AutoTrim>,
     last: Controls,
     collective_limit: Option<CollectiveLimit>,
@@ -202,9 +205,9 @@ pub struct VehicleController {
 
 impl VehicleController {
     /// A controller that has not commanded anything yet.
-    pub fn new(rules: Rules, trim: Trim, auto_trim: bool) -> Self {
+    pub fn new(rules: Rules, trim: Trim, gains: Gains, auto_trim: bool) -> Self {
         let auto_trim = auto_trim.then(AutoTrim::default);
-        Self { rules, trim, auto_trim, last: trim.controls(), collective_limit: None }
+        Self { rules, trim, gains, auto_trim, last: trim.controls(), collective_limit: None }
     }
 
     /// Computes the next controls. `dt_s` is the time since the last step; only auto-trim uses it.
@@ -254,7 +257,7 @@ impl VehicleController {
         let controls = self.step(dt_s, estimate, &level);
         if controls.fault.is_none() {
             let stops_from_m_s = (2.0 * BRAKING_M_S2 * estimate.height_m.max(0.0)).sqrt();
-            let brake = BRAKE_PER_M_S * (-climb_m_s(estimate) - stops_from_m_s);
+            let brake = self.gains.collective * BRAKE_PER_M_S * (-climb_m_s(estimate) - stops_from_m_s);
             self.last.collective = (self.trim.controls().collective + brake).clamp(0.0, 1.0);
         }
         ControlOutput { controls: self.last, ..controls }
@@ -321,12 +324,12 @@ impl VehicleController {
         let pitch = self.rules.pitch.evaluate(&[pitch_error_m, -velocity.x, pitch_rad])?;
         let yaw = self.rules.heading.evaluate(&[heading_error_rad, estimate.rates.yaw_rad_s])?;
         let collective = self.rules.collective.evaluate(&[altitude_error_m, climb_m_s(estimate)])?;
-        let trim = self.trim.controls();
+        let (trim, gains) = (self.trim.controls(), &self.gains);
         Some(Controls {
-            roll: (trim.roll + roll).clamp(-1.0, 1.0),
-            pitch: (trim.pitch + pitch).clamp(-1.0, 1.0),
-            yaw: (trim.yaw + yaw).clamp(-1.0, 1.0),
-            collective: (trim.collective + found.collective + collective).clamp(0.0, 1.0),
+            roll: (trim.roll + gains.roll * roll).clamp(-1.0, 1.0),
+            pitch: (trim.pitch + gains.pitch * pitch).clamp(-1.0, 1.0),
+            yaw: (trim.yaw + gains.yaw * yaw).clamp(-1.0, 1.0),
+            collective: (trim.collective + found.collective + gains.collective * collective).clamp(0.0, 1.0),
         })
     }
 }

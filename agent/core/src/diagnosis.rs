@@ -177,15 +177,15 @@ impl ControlMonitor {
     fn new(model: &Parameters, trim: Controls) -> Self {
         let Parameters { head, servos, .. } = model;
         let speed_rad_s = head.nominal_speed_rad_s;
-        let rate_rad_s = |gain: f64| gain * servos.cyclic_throw_rad * head.flybar_lock_number * speed_rad_s / 16.0;
+        let rate_rad_s = |disc_rad: f64| disc_rad * head.flybar_lock_number * speed_rad_s / 16.0;
         let collective_range_rad = servos.max_collective_rad - servos.min_collective_rad;
         let climb_m_s = 4.0 / 3.0 * speed_rad_s * model.main_rotor.radius_m * collective_range_rad;
-        let cyclic = |gain: f64| Rate::new(rate_rad_s(gain), 0.045, Excess::over(0.25, 0.05));
+        let cyclic = |disc_rad: f64| Rate::new(rate_rad_s(disc_rad), 0.045, Excess::over(0.25, 0.05));
         Self {
             trim,
-            roll: cyclic(head.lateral_flap_gain_rad_per_rad),
-            pitch: cyclic(head.longitudinal_flap_gain_rad_per_rad),
-            yaw: Rate::new(model.gyro.max_rate_rad_s, 0.06, Excess::over(0.6, 1.2)),
+            roll: cyclic(head.lateral_flap_gain_rad_per_rad * model.lateral_throw_rad()),
+            pitch: cyclic(head.longitudinal_flap_gain_rad_per_rad * model.longitudinal_throw_rad()),
+            yaw: Rate::new(model.yaw_rate_rad_s(), 0.06, Excess::over(0.6, 1.2)),
             climb: Climb { gain_m_s: climb_m_s, expected_m_s: 0.0, measured_m_s: 0.0, excess: Excess::over(7.0, 15.0) },
         }
     }

@@ -74,7 +74,9 @@ pub struct Helicopter {
 /// Converts control deflections to blade pitch and yaw rate commands.
 #[derive(Clone, Debug)]
 struct HeldControls {
-    cyclic_throw_rad: f64,
+    /// Cyclic blade pitch at full control to the right, and aft.
+    lateral_throw_rad: f64,
+    longitudinal_throw_rad: f64,
     min_collective_rad: f64,
     collective_range_rad: f64,
     max_yaw_rate_rad_s: f64,
@@ -84,17 +86,18 @@ impl HeldControls {
     fn new(parameters: &Parameters) -> Self {
         let servos = &parameters.servos;
         Self {
-            cyclic_throw_rad: servos.cyclic_throw_rad,
+            lateral_throw_rad: parameters.lateral_throw_rad(),
+            longitudinal_throw_rad: parameters.longitudinal_throw_rad(),
             min_collective_rad: servos.min_collective_rad,
             collective_range_rad: servos.max_collective_rad - servos.min_collective_rad,
-            max_yaw_rate_rad_s: parameters.gyro.max_rate_rad_s,
+            max_yaw_rate_rad_s: parameters.yaw_rate_rad_s(),
         }
     }
 
     fn command(&self, controls: &Controls) -> Command {
         Command {
-            lateral_rad: self.cyclic_throw_rad * controls.roll.clamp(-1.0, 1.0),
-            longitudinal_rad: self.cyclic_throw_rad * controls.pitch.clamp(-1.0, 1.0),
+            lateral_rad: self.lateral_throw_rad * controls.roll.clamp(-1.0, 1.0),
+            longitudinal_rad: self.longitudinal_throw_rad * controls.pitch.clamp(-1.0, 1.0),
             collective_rad: self.min_collective_rad + self.collective_range_rad * controls.collective.clamp(0.0, 1.0),
             yaw_rate_rad_s: self.max_yaw_rate_rad_s * controls.yaw.clamp(-1.0, 1.0),
         }

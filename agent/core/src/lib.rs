@@ -32,6 +32,7 @@ pub mod delay;
 pub mod diagnosis;
 pub mod estimate;
 pub mod failsafe;
+pub mod fit;
 pub mod formation;
 mod gilbert;
 pub mod helicopter;

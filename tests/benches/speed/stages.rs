@@ -56,7 +56,7 @@ impl Stages {
         let (scenario, aircraft) = (&study.scenario, &study.aircraft[0]);
         let roster = u8::try_from(scenario.swarm.vehicles).expect("a swarm's size");
         let plan = scenario.plan_hash();
-        let controller = |_| Controller::new(scenario, study.rules.clone(), aircraft.trim);
+        let controller = |_| Controller::new(scenario, study.rules.clone(), aircraft.trim, aircraft.gains);
         Self {
             plants: plants(study),
             blocks: Blocks::default(),

@@ -5,7 +5,7 @@ use alloc::boxed::Box;
 use skein_common::scenario::{ModelKind, Scenario};
 
 use super::{
-    CollectiveLimit, ControlFault, ControlOutput, Rules, Setpoint, Trim, VehicleController, VelocityController,
+    CollectiveLimit, ControlFault, ControlOutput, Gains, Rules, Setpoint, Trim, VehicleController, VelocityController,
 };
 use crate::estimate::Estimate;
 use crate::plant::Command;
@@ -29,11 +29,11 @@ pub struct StageOutput {
 }
 
 impl Controller {
-    /// A controller that has not commanded anything yet. `rules` and `trim` are those of a helicopter.
-    pub fn new(scenario: &Scenario, rules: Rules, trim: Trim) -> Self {
+    /// A controller that has not commanded anything yet. `rules`, `trim` and `gains` are those of a helicopter.
+    pub fn new(scenario: &Scenario, rules: Rules, trim: Trim, gains: Gains) -> Self {
         match scenario.plant.model {
             ModelKind::Helicopter => {
-                Self::Helicopter(Box::new(VehicleController::new(rules, trim, scenario.control.auto_trim)))
+                Self::Helicopter(Box::new(VehicleController::new(rules, trim, gains, scenario.control.auto_trim)))
             }
             ModelKind::PointMass => Self::PointMass(VelocityController::default()),
         }

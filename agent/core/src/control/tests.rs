@@ -20,7 +20,7 @@ pub(super) const TRIM: Trim = Trim {
 };
 
 fn controller(auto_trim: bool) -> VehicleController {
-    VehicleController::new(Rules::shipped(), TRIM, auto_trim)
+    VehicleController::new(Rules::shipped(), TRIM, Gains::default(), auto_trim)
 }
 
 /// The estimate of a trimmed hover at 30 m.
@@ -421,7 +421,7 @@ proptest! {
         let [roll_stick, pitch_stick, yaw_stick, collective, roll_rad, pitch_rad] = trim;
         let trim = Trim { roll_stick, pitch_stick, yaw_stick, collective, roll_rad, pitch_rad };
         for trim in [trim, TRIM] {
-            let mut controller = VehicleController::new(Rules::shipped(), trim, auto_trim);
+            let mut controller = VehicleController::new(Rules::shipped(), trim, Gains::default(), auto_trim);
             for (dt_s, estimate, setpoint) in &steps {
                 let controls = controller.step(*dt_s, estimate, setpoint).controls;
                 prop_assert!(controls.is_within_limits(), "{controls:?}");

@@ -178,6 +178,42 @@ pub struct Servos {
     pub max_collective_rad: f64,
     /// Lag τ_servo of each of the three servos.
     pub lag_s: f64,
+    /// Controls that work in the opposite direction; none if the table is missing.
+    #[serde(default)]
+    pub reversed: Reversed,
+}
+
+impl Parameters {
+    /// Lateral cyclic blade pitch at full roll control, rad, positive right.
+    pub fn lateral_throw_rad(&self) -> f64 {
+        signed(self.servos.cyclic_throw_rad, self.servos.reversed.roll)
+    }
+
+    /// Longitudinal cyclic blade pitch at full pitch control, rad, positive aft.
+    pub fn longitudinal_throw_rad(&self) -> f64 {
+        signed(self.servos.cyclic_throw_rad, self.servos.reversed.pitch)
+    }
+
+    /// Yaw rate at full yaw control, rad/s, positive to the right.
+    pub fn yaw_rate_rad_s(&self) -> f64 {
+        signed(self.gyro.max_rate_rad_s, self.servos.reversed.yaw)
+    }
+}
+
+fn signed(size: f64, is_reversed: bool) -> f64 {
+    if is_reversed { -size } else { size }
+}
+
+/// Controls of an aircraft that work in the opposite direction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Reversed {
+    /// A positive roll control rolls left.
+    pub roll: bool,
+    /// A positive pitch control lowers the nose.
+    pub pitch: bool,
+    /// A positive yaw control turns the nose left.
+    pub yaw: bool,
 }
 
 /// Four points of ground contact, at (±forward, ±right, down) from the centre of gravity.

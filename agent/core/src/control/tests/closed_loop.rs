@@ -53,7 +53,7 @@ impl Flight {
         let start = Start { heading_rad, ..Start::default() };
         Self {
             vehicle: BuiltInVehicle::new(&origin, &parameters, &start, &CALM, 1, VehicleId::new(1).unwrap()),
-            controller: VehicleController::new(Rules::shipped(), TRIM, auto_trim),
+            controller: VehicleController::new(Rules::shipped(), TRIM, Gains::default(), auto_trim),
             setpoint_ned_m: Vector3::new(0.0, 0.0, -ALTITUDE_M),
             heading_rad,
         }

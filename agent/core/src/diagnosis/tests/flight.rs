@@ -59,7 +59,7 @@ impl Flight {
         Self {
             vehicle: BuiltInVehicle::new(&origin, parameters, &start, &weather, seed, id),
             estimator: Estimator::new(origin, &Sensing::without_errors(position, velocity)),
-            controller: VehicleController::new(Rules::shipped(), aircraft.trim, true),
+            controller: VehicleController::new(Rules::shipped(), aircraft.trim, aircraft.gains, true),
             diagnosis: Diagnosis::new(&aircraft),
             command: None,
             time_s: 0.0,

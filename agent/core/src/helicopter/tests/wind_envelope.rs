@@ -56,7 +56,7 @@ fn needs(speed_m_s: f64) -> Option<Needs> {
         let flow = rotor.flow(speed_rad_s, u * u + v * v, w);
         let c_t = rotor.thrust_coefficient(collective_rad, lambda, &flow);
         let collective = (command.collective_rad - controls.min_collective_rad) / controls.collective_range_rad;
-        let cyclic = command.lateral_rad.abs().max(command.longitudinal_rad.abs()) / controls.cyclic_throw_rad;
+        let cyclic = command.lateral_rad.abs().max(command.longitudinal_rad.abs()) / controls.lateral_throw_rad;
         let lean_rad = math::hypot(unknowns[0] - calm[0], unknowns[1] - calm[1]);
         needs = Needs {
             lowest_collective: needs.lowest_collective.min(collective),

@@ -1,0 +1,124 @@
+//! The ladder on the built-in helicopter, as it is and changed at random.
+//!
+//! `cargo test -- --nocapture fit` prints what was found.
+
+use rand::RngExt;
+use skein_common::frame::Geodetic;
+use skein_common::id::VehicleId;
+
+use super::respond::REFERENCE;
+use super::*;
+use crate::aircraft::Aircraft;
+use crate::helicopter::parameters::Reversed;
+use crate::random::{self, Purpose};
+use crate::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
+
+const CALM: Weather = Weather { wind_m_s: 0.0, wind_from_rad: 0.0, gust_w20_m_s: 0.0 };
+/// Longer than any fit takes, s.
+const LONGEST_S: f64 = 900.0;
+
+fn shipped() -> Aircraft {
+    Aircraft::shipped("xcell60").unwrap().unwrap()
+}
+
+/// One fit of a helicopter in calm air: its end, how long it took, s, and its largest tilt, rad.
+struct Climbed {
+    end: Result<Fitted, FitError>,
+    took_s: f64,
+    largest_tilt_rad: f64,
+    /// Height and speed over the ground at the end.
+    ends_at_m: f64,
+    ends_with_m_s: f64,
+    /// The last rung before the landing.
+    last: Rung,
+}
+
+/// Climbs the ladder; `changes` may change the controls on their way to the vehicle.
+fn climb(parameters: &Parameters, changes: impl Fn(f64, &mut Controls)) -> Climbed {
+    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 10.0));
+    let start = Start { heading_rad: 0.7, ..Start::default() };
+    let mut vehicle = BuiltInVehicle::new(&origin, parameters, &start, &CALM, 1, VehicleId::new(1).unwrap());
+    let mut fit = Fit::new(Rules::shipped());
+    let (mut largest_tilt_rad, mut last) = (0.0_f64, Rung::Watch);
+    loop {
+        let frame = vehicle.frame();
+        let FitStep { mut controls, rung, end } = fit.step(frame.time, &frame.measurement);
+        assert!(controls.is_within_limits(), "{controls:?}");
+        let attitude = frame.truth.attitude;
+        largest_tilt_rad = largest_tilt_rad.max(attitude.roll_rad.abs()).max(attitude.pitch_rad.abs());
+        if rung != Rung::Land {
+            last = rung;
+        }
+        if let Some(end) = end {
+            let (ends_at_m, ends_with_m_s) = (frame.truth.height_m, frame.truth.velocity.0.norm());
+            return Climbed { end, took_s: frame.time.seconds(), largest_tilt_rad, ends_at_m, ends_with_m_s, last };
+        }
+        assert!(frame.time.seconds() < LONGEST_S, "no end: {rung:?} {last:?} {controls:?} {:?}\n{fit:#?}", frame.truth);
+        changes(frame.time.seconds(), &mut controls);
+        vehicle.advance(Some(controls));
+    }
+}
+
+#[test]
+fn the_built_in_helicopter_needs_no_gains_and_has_the_trim_of_its_file() {
+    let aircraft = shipped();
+    let climbed = climb(aircraft.helicopter.as_ref().unwrap(), |_, _| ());
+    let fitted = climbed.end.unwrap();
+    println!("{:.0} s, tilt {:.1} deg, {fitted:#?}", climbed.took_s, climbed.largest_tilt_rad.to_degrees());
+    let (ours, file) = (fitted.trim, aircraft.trim);
+    for (ours, file, within) in [
+        (ours.roll_stick, file.roll_stick, 0.005),
+        (ours.pitch_stick, file.pitch_stick, 0.005),
+        (ours.yaw_stick, file.yaw_stick, 0.005),
+        (ours.collective, file.collective, 0.005),
+        (ours.roll_rad, file.roll_rad, 0.005),
+        (ours.pitch_rad, file.pitch_rad, 0.005),
+    ] {
+        assert!((ours - file).abs() < within, "{ours} instead of {file}");
+    }
+    for gain in [fitted.gains.roll, fitted.gains.pitch, fitted.gains.yaw, fitted.gains.collective] {
+        assert!((gain - 1.0).abs() < 0.02, "{REFERENCE:?} is out of date: {:?}", fitted.responses);
+    }
+    assert!((fitted.rotor_speed_rad_s.unwrap() - 167.0).abs() < 2.0);
+    assert!(climbed.ends_at_m < 0.35 && climbed.ends_with_m_s < 0.05, "it has landed");
+}
+
+/// The built-in helicopter with mass, inertia, rotor and authority changed by up to 40 %, and controls reversed at random.
+fn random(seed: u64) -> Parameters {
+    let mut generator = random::generator(seed, None, Purpose::Wind);
+    let mut parameters = shipped().helicopter.unwrap();
+    let mut change = |value: &mut f64| *value *= generator.random_range(0.6..1.4);
+    change(&mut parameters.mass_kg);
+    change(&mut parameters.inertia.roll_kg_m2);
+    change(&mut parameters.inertia.pitch_kg_m2);
+    change(&mut parameters.inertia.yaw_kg_m2);
+    change(&mut parameters.main_rotor.lift_slope_per_rad);
+    change(&mut parameters.head.hub_stiffness_n_m_per_rad);
+    change(&mut parameters.servos.cyclic_throw_rad);
+    change(&mut parameters.servos.max_collective_rad);
+    change(&mut parameters.gyro.max_rate_rad_s);
+    let mut is_reversed = || generator.random_bool(0.5);
+    parameters.servos.reversed = Reversed { roll: is_reversed(), pitch: is_reversed(), yaw: is_reversed() };
+    parameters
+}
+
+#[test]
+fn random_helicopters_are_fitted_or_rejected_before_they_come_to_harm() {
+    let mut fitted = 0;
+    for seed in 0..40 {
+        let parameters = random(seed);
+        if let Err(error) = parameters.check() {
+            println!("{seed}: no helicopter: {error}");
+            continue;
+        }
+        let Climbed { end, took_s, largest_tilt_rad, ends_at_m, ends_with_m_s, last } = climb(&parameters, |_, _| ());
+        let tilt_deg = largest_tilt_rad.to_degrees();
+        match &end {
+            Ok(found) => println!("{seed}: {took_s:.0} s, tilt {tilt_deg:.1}, {found:?}"),
+            Err(error) => println!("{seed}: {took_s:.0} s, tilt {tilt_deg:.1}, at {last:?}: {error}"),
+        }
+        fitted += usize::from(end.is_ok());
+        println!("   ends {ends_at_m} {ends_with_m_s}");
+    }
+    println!("{fitted}");
+}
