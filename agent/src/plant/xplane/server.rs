@@ -6,7 +6,7 @@
 //! the client ends it. A written value takes effect in the next frame. An axis without an override belongs to the
 //! pilot, whose controls are always centred here.
 //!
-//! While it is paused, time and aircraft stand still, and the messages go on. A reset gives the overrides back.
+//! While it is paused, time and aircraft stand still, and the messages continue. A reset gives the overrides back.
 
 mod clients;
 mod datarefs;
@@ -131,7 +131,7 @@ impl Server {
                 .map(|request| self.radar.subscribe(from, request, self.frame_rate_hz))
                 .map(|()| None),
             Some(tag) if End::ALL.iter().any(|end| end.tag() == *tag) => {
-                // A class of students shares a network: nobody ends the simulator of another.
+                // A class of students shares a network: one of them must not end the simulator of another.
                 self.refused_ends += 1;
                 Ok(None)
             }

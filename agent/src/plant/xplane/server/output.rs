@@ -43,7 +43,7 @@ impl Rows {
             }
         } else if is(&[*b"ISE4", *b"ISE6"]) {
             let Destination { target, address, port, is_on } = Destination::decode(datagram)?;
-            // Nobody directs the rows at another computer.
+            // The rows are not sent to another computer.
             let is_theirs = address == from.ip() || address.is_loopback();
             if target == DATA_OUTPUT && is_theirs && port != 0 {
                 self.to = is_on.then_some(SocketAddr::new(address, port));

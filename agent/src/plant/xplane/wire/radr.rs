@@ -1,5 +1,5 @@
 //! RADR: the weather radar. X-Plane serves one client only. Versions 11 and 12 reply in different layouts, which only
-//! the version tells apart.
+//! the version distinguishes.
 
 use super::{Fields, Tag, WireError, begin, body, decimal, put_decimal};
 

@@ -22,7 +22,7 @@ const ROW_SIZE: usize = 36;
 pub struct Row {
     /// Number of the row, from 0.
     pub index: i32,
-    /// `None`: this row has no number there. To X-Plane: leave it as it is.
+    /// `None`: this row has no number there. To X-Plane: do not change it.
     pub values: [Option<f32>; 8],
 }
 
@@ -106,7 +106,7 @@ impl Selection {
     /// Decodes a selection.
     ///
     /// # Errors
-    /// If the datagram is none of the four messages, or ends within a number.
+    /// If the datagram is another message, or ends within a number.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
         let output = Output::ALL.into_iter().find(|output| datagram.starts_with(&output.tag()));
         let output = output.ok_or(WireError::WrongTag)?;

@@ -64,7 +64,7 @@ fn selected_rows_go_to_the_one_receiver_at_its_rate() {
     };
     select(&mut bench, Output::Send, &[20, 16, 17, 16, 3, 9_999, -1, 77]);
     bench.frames(50);
-    assert_eq!(bench.sent.len(), 0, "nobody has named a receiver");
+    assert_eq!(bench.sent.len(), 0, "no receiver is set");
     bench.send(client(1), |out| destination([127, 0, 0, 1], 49_005, true).encode(out));
     bench.frames(50);
     assert!(bench.sent.iter().all(|(to, _)| *to == client(49_005)));

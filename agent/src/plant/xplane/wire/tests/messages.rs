@@ -248,7 +248,7 @@ proptest! {
         check!([radr::TAG], RadarRequest::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([radr::TAG], RadarPoint::decode, |it, out| { RadarPoint::encode(it, out); Ok::<_, WireError>(()) });
         check!([radr::TAG], RadarPoint11::decode, |it, out| { RadarPoint11::encode(it, out); Ok::<_, WireError>(()) });
-        // A radar's request and replies are told apart by who sends them.
+        // A radar's request and replies are distinguished by their sender.
         let most = if tag == radr::TAG { 3 } else { 1 };
         prop_assert!(kinds <= most, "{kinds} kinds");
     }
