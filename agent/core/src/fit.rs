@@ -85,6 +85,16 @@ pub enum Axis {
 impl Axis {
     const ALL: [Self; 4] = [Self::Roll, Self::Pitch, Self::Yaw, Self::Collective];
 
+    /// The position of this control.
+    fn of(self, controls: &Controls) -> f64 {
+        match self {
+            Self::Roll => controls.roll,
+            Self::Pitch => controls.pitch,
+            Self::Yaw => controls.yaw,
+            Self::Collective => controls.collective,
+        }
+    }
+
     /// Adds to this control.
     fn move_by(self, controls: &mut Controls, by: f64) {
         let control = match self {
@@ -154,7 +164,9 @@ pub enum FitError {
     #[error("the hover does not become steady ({0})")]
     NotSettled(String),
     /// A response is against its direction on the ground, or out of proportion.
-    #[error("{axis} answers {ratio:.2} times as strongly as the built-in helicopter; only {low} to {high} can be flown")]
+    #[error(
+        "{axis} answers {ratio:.2} times as strongly as the built-in helicopter; only {low} to {high} can be flown"
+    )]
     Response {
         /// The control.
         axis: Axis,
@@ -325,14 +337,8 @@ impl Watching {
 impl Fit {
     /// A ladder for a vehicle on the ground, flown by these rules.
     pub fn new(rules: Rules) -> Self {
-        let trim = Trim {
-            roll_stick: 0.0,
-            pitch_stick: 0.0,
-            yaw_stick: 0.0,
-            collective: 0.0,
-            roll_rad: 0.0,
-            pitch_rad: 0.0,
-        };
+        let trim =
+            Trim { roll_stick: 0.0, pitch_stick: 0.0, yaw_stick: 0.0, collective: 0.0, roll_rad: 0.0, pitch_rad: 0.0 };
         Self {
             rules,
             origin: None,

@@ -1,10 +1,11 @@
 //! The second rung: in which direction each control works, found on the ground.
 //!
 //! Cyclic tilts a vehicle on its skids by a fraction of a degree, the more the less its weight rests on them, and pedals
-//! turn it a little. Each control is moved to one side and then to the other; the difference of the two ends does not
-//! depend on slope or trim. The collective rises from pair to pair, until all three have answered.
+//! turn it a little. Each control is moved to one side, to the other, and to the first again: the middle against the mean
+//! of the others does not depend on slope or trim, nor on a steady creep. The collective rises from round to round, until
+//! all three have answered.
 
-use super::{Axis, FitError, Found, Mean, TIPS_FROM_RAD, Verdict};
+use super::{Axis, FitError, Found, Mean, Verdict};
 use crate::estimate::Estimate;
 use crate::plant::Controls;
 
@@ -18,10 +19,15 @@ const RISE: f64 = 0.05;
 /// Time in which the collective rises, s.
 const RISE_S: f64 = 0.5;
 /// Differences that count as an answer: of attitude, rad, and of the yaw rate, rad/s.
-const TILT_RAD: f64 = 0.001;
-const YAW_RAD_S: f64 = 0.01;
+const TILT_RAD: f64 = 0.002;
+const YAW_RAD_S: f64 = 0.02;
+/// Largest difference of the first side's two effects, as a share of the answer: more is no answer, but unrest.
+const UNREST: f64 = 0.5;
 /// Height above standing at which the vehicle counts as lifting off, m.
 const LIFTS_FROM_M: f64 = 0.1;
+/// Gain of the yaw control until its response is known: a gyro closes a fast loop of its own, which a strong yaw control
+/// can drive into oscillation. Cyclic of up to five times the usual strength flies with a gain of 1.
+const CAUTIOUS_YAW: f64 = 0.5;
 /// The axes that answer on the ground.
 const AXES: [Axis; 3] = [Axis::Roll, Axis::Pitch, Axis::Yaw];
 
@@ -30,13 +36,13 @@ pub(super) struct Answering {
     collective: f64,
     /// Direction of each of `AXES`, once it is known.
     directions: [Option<f64>; 3],
-    /// The axis being tried, and whether it is at its second side.
+    /// The axis being tried, and the part of its round: one side, the other, the first again.
     axis: usize,
-    is_second: bool,
+    part: usize,
     /// Time at this side, or time since the collective began to rise, s.
     held_s: f64,
     rises_s: f64,
-    effects: [Mean; 2],
+    effects: [Mean; 3],
 }
 
 impl Answering {
@@ -49,7 +55,8 @@ impl Answering {
         let unknown = self.directions.iter().position(Option::is_none);
         let Some(unknown) = unknown else {
             for (axis, direction) in AXES.into_iter().zip(self.directions) {
-                *axis.gain(&mut found.gains) = direction.unwrap_or(1.0);
+                let strength = if axis == Axis::Yaw { CAUTIOUS_YAW } else { 1.0 };
+                *axis.gain(&mut found.gains) = strength * direction.unwrap_or(1.0);
             }
             return Verdict::Done(Controls { collective: self.collective, ..Controls::default() });
         };
@@ -70,26 +77,26 @@ impl Answering {
             return Verdict::Goes(controls);
         }
         self.held_s += dt_s;
-        axis.move_by(&mut controls, if self.is_second { -DEFLECTION } else { DEFLECTION });
+        axis.move_by(&mut controls, if self.part == 1 { -DEFLECTION } else { DEFLECTION });
         let effect = match axis {
             Axis::Roll => estimate.attitude.roll_rad,
             Axis::Pitch => estimate.attitude.pitch_rad,
             _ => estimate.rates.yaw_rad_s,
         };
         if self.held_s >= HELD_S - MEASURED_S {
-            self.effects[usize::from(self.is_second)].add(effect);
+            self.effects[self.part].add(effect);
         }
         if self.held_s >= HELD_S {
             self.held_s = 0.0;
-            if self.is_second {
-                let difference = self.effects[0].get() - self.effects[1].get();
+            self.part += 1;
+            if self.part == self.effects.len() {
+                let [first, other, again] = self.effects.map(|effect| effect.get());
+                let difference = 0.5 * (first + again) - other;
                 let least = if axis == Axis::Yaw { YAW_RAD_S } else { TILT_RAD };
-                if difference.abs() >= least && difference.abs() < 2.0 * TIPS_FROM_RAD {
+                if difference.abs() >= least && (first - again).abs() < UNREST * difference.abs() {
                     self.directions[self.axis] = Some(difference.signum());
                 }
                 self.next_axis();
-            } else {
-                self.is_second = true;
             }
         }
         Verdict::Goes(controls)
@@ -97,7 +104,7 @@ impl Answering {
 
     /// Goes on to the next axis; after the last the collective rises.
     fn next_axis(&mut self) {
-        self.is_second = false;
+        self.part = 0;
         self.effects = Default::default();
         self.axis += 1;
         if self.axis == AXES.len() {

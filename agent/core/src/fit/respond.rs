@@ -10,7 +10,8 @@ use crate::estimate::Estimate;
 use crate::plant::Controls;
 
 /// Responses of the built-in helicopter per full control, measured in the same way; a test compares them.
-pub(super) const REFERENCE: Responses = Responses { roll_rad_s: 3.38, pitch_rad_s: 3.54, yaw_rad_s: 2.06, climb_m_s: 18.3 };
+pub(super) const REFERENCE: Responses =
+    Responses { roll_rad_s: 3.38, pitch_rad_s: 3.54, yaw_rad_s: 2.06, climb_m_s: 18.3 };
 /// Ratios of a response to the reference that the rules can be scaled to.
 const LOW: f64 = 0.2;
 const HIGH: f64 = 5.0;
@@ -42,7 +43,7 @@ impl Axis {
         }
     }
 
-    fn of(self, responses: &mut Responses) -> &mut f64 {
+    fn response_of(self, responses: &mut Responses) -> &mut f64 {
         match self {
             Self::Roll => &mut responses.roll_rad_s,
             Self::Pitch => &mut responses.pitch_rad_s,
@@ -145,8 +146,8 @@ fn restless() -> FitError {
 
 /// Makes a response per full control the gain that gives the reference's.
 fn judge(axis: Axis, response: f64, found: &mut Found) -> Result<(), FitError> {
-    let reference = *axis.of(&mut REFERENCE.clone());
-    *axis.of(&mut found.responses) = response;
+    let reference = *axis.response_of(&mut REFERENCE.clone());
+    *axis.response_of(&mut found.responses) = response;
     let gain = axis.gain(&mut found.gains);
     let ratio = response / reference * gain.signum();
     if !(LOW..=HIGH).contains(&ratio) {
@@ -158,7 +159,8 @@ fn judge(axis: Axis, response: f64, found: &mut Found) -> Result<(), FitError> {
 
 fn is_calm(estimate: &Estimate, found: &Found, flying: &Flying, within_m: f64) -> bool {
     let attitude = estimate.attitude;
-    let leans_rad = (attitude.roll_rad - found.trim.roll_rad).abs().max((attitude.pitch_rad - found.trim.pitch_rad).abs());
+    let leans_rad =
+        (attitude.roll_rad - found.trim.roll_rad).abs().max((attitude.pitch_rad - found.trim.pitch_rad).abs());
     let rates = estimate.rates;
     let turns_rad_s = rates.roll_rad_s.abs().max(rates.pitch_rad_s.abs()).max(rates.yaw_rad_s.abs());
     let off_m = (flying.altitude_m - estimate.position.altitude_m()).abs();

@@ -10,8 +10,8 @@ use super::respond::REFERENCE;
 use super::*;
 use crate::aircraft::Aircraft;
 use crate::helicopter::parameters::Reversed;
-use crate::random::{self, Purpose};
 use crate::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
+use crate::random::{self, Purpose};
 
 const CALM: Weather = Weather { wind_m_s: 0.0, wind_from_rad: 0.0, gust_w20_m_s: 0.0 };
 /// Longer than any fit takes, s.
@@ -102,10 +102,14 @@ fn random(seed: u64) -> Parameters {
     parameters
 }
 
+/// Seeds of the random helicopters, and how many of them have to be fitted.
+const SEEDS: u64 = 60;
+const FITTED: usize = 20;
+
 #[test]
 fn random_helicopters_are_fitted_or_rejected_before_they_come_to_harm() {
     let mut fitted = 0;
-    for seed in 0..40 {
+    for seed in 0..SEEDS {
         let parameters = random(seed);
         if let Err(error) = parameters.check() {
             println!("{seed}: no helicopter: {error}");
@@ -114,11 +118,76 @@ fn random_helicopters_are_fitted_or_rejected_before_they_come_to_harm() {
         let Climbed { end, took_s, largest_tilt_rad, ends_at_m, ends_with_m_s, last } = climb(&parameters, |_, _| ());
         let tilt_deg = largest_tilt_rad.to_degrees();
         match &end {
-            Ok(found) => println!("{seed}: {took_s:.0} s, tilt {tilt_deg:.1}, {found:?}"),
-            Err(error) => println!("{seed}: {took_s:.0} s, tilt {tilt_deg:.1}, at {last:?}: {error}"),
+            Ok(Fitted { gains, trim, overshoot, settled_s, .. }) => {
+                println!(
+                    "{seed}: {took_s:.0} s, tilt {tilt_deg:.1}, {gains:.2?} {:.2} {overshoot:.3} {settled_s:.1}",
+                    trim.collective
+                );
+                // The gains undo what was changed.
+                let directions =
+                    [parameters.servos.reversed.roll, parameters.servos.reversed.pitch, parameters.servos.reversed.yaw];
+                let signs = [gains.roll, gains.pitch, gains.yaw].map(|gain| gain < 0.0);
+                assert_eq!(signs, directions, "seed {seed}");
+                fitted += 1;
+            }
+            Err(error) => {
+                println!("{seed}: {took_s:.0} s, tilt {tilt_deg:.1}, at {last:?}: {error}");
+                assert!(matches!(error, FitError::Margin { .. } | FitError::NoLift), "seed {seed}: {error}");
+            }
         }
-        fitted += usize::from(end.is_ok());
-        println!("   ends {ends_at_m} {ends_with_m_s}");
+        assert!(tilt_deg < 30.0, "seed {seed}");
+        assert!(ends_at_m < 0.35 && ends_with_m_s < 0.1, "seed {seed} has not landed");
     }
-    println!("{fitted}");
+    assert!(fitted >= FITTED, "{fitted}");
+}
+
+/// The rung on which the built-in helicopter's ladder ends if its controls are changed like this, and why.
+fn ends(changes: impl Fn(f64, &mut Controls)) -> (Rung, FitError, f64) {
+    let Climbed { end, last, ends_at_m, largest_tilt_rad, .. } = climb(&shipped().helicopter.unwrap(), changes);
+    assert!(ends_at_m < 0.35, "it stands");
+    (last, end.unwrap_err(), largest_tilt_rad)
+}
+
+#[test]
+fn a_vehicle_with_a_broken_control_stops_at_the_rung_that_finds_it() {
+    let dead = |axis: Axis| ends(move |_, controls| axis.move_by(controls, -axis.of(controls)));
+    for axis in [Axis::Roll, Axis::Pitch, Axis::Yaw] {
+        let (rung, error, tilt_rad) = dead(axis);
+        assert_eq!((rung, error), (Rung::Answer, FitError::NoAnswer { axis }));
+        assert!(tilt_rad < TIPS_FROM_RAD);
+    }
+    assert_eq!(dead(Axis::Collective).1, FitError::NoLift);
+    // Ten times too strong in flight only.
+    let (rung, error, tilt_rad) = ends(|time_s, controls| {
+        if time_s > 60.0 {
+            controls.yaw *= 0.1;
+        }
+    });
+    assert_eq!(rung, Rung::Respond);
+    assert!(matches!(error, FitError::Response { axis: Axis::Yaw, .. }), "{error}");
+    assert!(tilt_rad.to_degrees() < 25.0);
+}
+
+#[test]
+fn a_fit_stops_on_request_and_refuses_what_cannot_be_flown() {
+    let parameters = shipped().helicopter.unwrap();
+    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 10.0));
+    let vehicle = BuiltInVehicle::new(&origin, &parameters, &Start::default(), &CALM, 1, VehicleId::new(1).unwrap());
+    let frame = vehicle.frame();
+    let mut fit = Fit::new(Rules::shipped());
+    let mut broken = frame.measurement;
+    broken.height_m = f64::NAN;
+    assert_eq!(fit.step(frame.time, &broken).end, None);
+    let mut stopped = Fit::new(Rules::shipped());
+    stopped.stop();
+    assert_eq!(stopped.step(frame.time, &frame.measurement).end, Some(Err(FitError::Stopped)));
+    let still = |change: fn(&mut Measurement)| {
+        let mut fit = Fit::new(Rules::shipped());
+        let mut measurement = frame.measurement;
+        change(&mut measurement);
+        let steps = (0..10_000).map(|tick| fit.step(PlantTime::from_seconds(f64::from(tick) * 0.02), &measurement));
+        steps.filter_map(|step| step.end).next().unwrap().unwrap_err()
+    };
+    assert_eq!(still(|measurement| measurement.attitude.roll_rad = 0.3), FitError::NotAtRest);
+    assert_eq!(still(|measurement| measurement.rotor_speed_rad_s = Some(0.0)), FitError::Rotor { rpm: 0.0 });
 }
