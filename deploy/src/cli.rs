@@ -14,6 +14,7 @@ use crate::cluster::host::{self, NodeArgs};
 use crate::cluster::{self, ClusterArgs};
 use crate::doctor::{self, DoctorArgs};
 use crate::explain::{self, ExplainArgs};
+use crate::fit::{self, FitArgs};
 use crate::fly::{self, FlyArgs};
 use crate::manual::{self, CompletionsArgs, ManArgs};
 use crate::new::{self, NewArgs};
@@ -64,6 +65,8 @@ pub enum Command {
     Scenarios(ScenariosArgs),
     /// Write a commented start: a scenario, a law, an aircraft, a cluster file, a study
     New(NewArgs),
+    /// Fly an unknown helicopter of X-Plane up a ladder that finds its trim and gains, and write its aircraft file
+    Fit(FitArgs),
     /// Print the completions for a shell
     Completions(CompletionsArgs),
     /// Write the manual pages
@@ -117,6 +120,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Explain(args) => explain::run(&args),
         Command::Scenarios(args) => scenarios::run(&args),
         Command::New(args) => new::run(&args),
+        Command::Fit(args) => fit::run(&args),
         Command::Completions(args) => {
             manual::complete(&args, Cli::command());
             Ok(())

@@ -8,6 +8,7 @@ pub mod cluster;
 pub mod doctor;
 pub mod endpoints;
 pub mod explain;
+pub mod fit;
 pub mod fly;
 pub mod inventory;
 pub mod keys;

@@ -5,6 +5,7 @@ pub mod central_summary;
 pub mod conversion;
 pub mod divergence;
 pub mod faults;
+pub mod fit;
 pub mod fleets;
 pub mod formation_error;
 pub mod golden;

@@ -85,16 +85,6 @@ pub enum Axis {
 impl Axis {
     const ALL: [Self; 4] = [Self::Roll, Self::Pitch, Self::Yaw, Self::Collective];
 
-    /// The position of this control.
-    fn of(self, controls: &Controls) -> f64 {
-        match self {
-            Self::Roll => controls.roll,
-            Self::Pitch => controls.pitch,
-            Self::Yaw => controls.yaw,
-            Self::Collective => controls.collective,
-        }
-    }
-
     /// Adds to this control.
     fn move_by(self, controls: &mut Controls, by: f64) {
         let control = match self {
@@ -131,7 +121,7 @@ impl core::fmt::Display for Axis {
 /// Why the ladder ended before its top.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
-    /// A measurement has an infinite number or NaN, or its time does not advance.
+    /// Too few measurements.
     #[error("the simulator's data are not usable: {0}")]
     Data(&'static str),
     /// The vehicle did not stand still, level and close to the ground.
@@ -292,6 +282,8 @@ const ROTOR_WITHIN_S: f64 = 120.0;
 /// Rotor speed below which a rotor counts as stopped, rad/s, and the share by which a steady one may vary.
 const TURNS_FROM_RAD_S: f64 = 5.0;
 const STEADY_SHARE: f64 = 0.02;
+/// Fewest measurements a second with which a vehicle may be flown.
+const LEAST_RATE_HZ: f64 = 20.0;
 /// Limits of a vehicle at rest.
 const REST_M_S: f64 = 0.3;
 const REST_TILT_RAD: f64 = 0.17;
@@ -302,6 +294,8 @@ struct Watching {
     began: Option<PlantTime>,
     /// Since when the rotor has been steady, and at which speed, rad/s.
     steady: Option<(PlantTime, f64)>,
+    /// Measurements since then.
+    count: u32,
 }
 
 impl Watching {
@@ -312,8 +306,10 @@ impl Watching {
         let is_slow = speed_rad_s.is_some_and(|speed_rad_s| speed_rad_s < TURNS_FROM_RAD_S);
         let steady = self.steady.get_or_insert((at, speed_rad_s.unwrap_or_default()));
         let changed = speed_rad_s.is_some_and(|speed| (speed - steady.1).abs() > STEADY_SHARE * steady.1.abs());
+        self.count += 1;
         if is_slow || changed {
             *steady = (at, speed_rad_s.unwrap_or_default());
+            self.count = 0;
         }
         if at.seconds_since(steady.0) < WATCH_S {
             if at.seconds_since(began) > ROTOR_WITHIN_S {
@@ -321,6 +317,9 @@ impl Watching {
                 return Verdict::Fails(FitError::Rotor { rpm });
             }
             return Verdict::Goes(Controls::default());
+        }
+        if f64::from(self.count) < LEAST_RATE_HZ * WATCH_S {
+            return Verdict::Fails(FitError::Data("fewer than 20 measurements a second"));
         }
         if estimate.velocity.0.norm() > REST_M_S || tilt_rad > REST_TILT_RAD {
             return Verdict::Fails(FitError::NotAtRest);

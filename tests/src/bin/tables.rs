@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use skein_tests::{
-    central, central_summary, conversion, divergence, faults, fleets, formation_error, golden, halves, laws, tour,
+    central, central_summary, conversion, divergence, faults, fit, fleets, formation_error, golden, halves, laws, tour,
     variants, wind,
 };
 
@@ -32,6 +32,8 @@ enum Table {
     Conversion,
     /// Every fault in a small mission, with four and with eight vehicles
     Faults,
+    /// Twenty random helicopters: what `skein fit` found for each, and the ring that they flew then
+    Fit,
     /// Two fleets of 64 vehicles that fly through each other over a lossy network
     Fleets,
     /// A swarm that a cut splits for 20 s, under both policies
@@ -74,6 +76,7 @@ fn main() -> ExitCode {
                 central::limits(8, &delays_s, &steps_s, seeds)
             }
             Table::Conversion => conversion::markdown(seeds),
+            Table::Fit => fit::table(20, seeds),
             Table::Fleets => fleets::table(seeds),
             Table::Faults => faults::table(&[4, 8], seeds),
             Table::Halves => halves::table(seeds),
