@@ -1,10 +1,14 @@
 //! `skein check`: reports what would prevent a flight. It checks a scenario and prints every value with its origin, or
 //! checks a cluster, or asks an X-Plane.
 
+pub(crate) mod xplane;
+
 use std::path::PathBuf;
 
 use serde_json::json;
-use skein_common::scenario::{ControlMode, Explained, Loaded};
+
+use skein_common::scenario::{ControlMode, Explained, Loaded, Scenario};
+use skein_core::aircraft::Profile;
 
 use skein_agent::config::fleet;
 
@@ -12,7 +16,7 @@ use crate::cluster;
 use crate::fly::script;
 use crate::inventory::find;
 use crate::prepare::{Prepared, Target, prepare};
-use crate::simulators::{self, HostPort};
+use crate::simulators::HostPort;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::scenario::ScenarioArgs;
@@ -31,30 +35,34 @@ pub struct CheckArgs {
     /// folder, if there is one; otherwise the shipped hover scenario
     #[arg(short = 'f', long = "file", value_name = "CLUSTER.toml", conflicts_with_all = ["scenario", "sets"])]
     pub file: Option<PathBuf>,
-    /// An X-Plane: what it answers to this PC
-    #[arg(long, value_name = "HOST[:PORT]")]
+    /// An X-Plane: whether it answers, its frames, datarefs, overrides and state, each fault with its remedy. With a scenario
+    /// its aircraft and origin count
+    #[arg(long, value_name = "HOST[:PORT]", conflicts_with = "file")]
     pub xplane: Option<HostPort>,
+    /// With --xplane: a file for all that was found and a minute of datagrams, to be sent with a question
+    #[arg(long, value_name = "FILE", requires = "xplane")]
+    pub report: Option<PathBuf>,
     /// Print it as JSON; of a scenario with what each key means
     #[arg(long)]
     pub json: bool,
 }
 
 /// Prints the results. For a scenario these are every value with its origin; then, on stderr, the events that `fly`
-/// would skip and whatever would prevent a flight: the check starts the external law and asks the X-Planes. With only
-/// `--xplane` given, it asks that X-Plane and no scenario is checked. With nothing given, it checks the cluster of this folder
-/// if there is one.
+/// would skip and whatever would prevent a flight: the check starts the external law and asks the X-Planes. With `--xplane` it
+/// checks that X-Plane only. With nothing given, it checks the cluster of this folder if there is one.
 ///
 /// # Errors
 /// If a file is wrong, the scenario is not supported in flight, or anything else would prevent a flight.
 pub fn run(args: &CheckArgs) -> Result<(), Error> {
-    if let Some(xplane) = &args.xplane {
-        simulator(xplane, args.json)?;
-    }
     let names_a_scenario = args.scenario.scenario.is_some() || !args.scenario.sets.is_empty();
     match (&args.file, &args.xplane) {
-        (Some(file), _) => cluster::check::run(file, args.json),
-        (None, _) if names_a_scenario => scenario(args),
-        (None, Some(_)) => Ok(()),
+        (_, Some(simulator)) => {
+            let (scenario, profile) = flown(args)?;
+            let scenario = names_a_scenario.then_some(&scenario);
+            xplane::run(simulator, &profile, scenario, args.json, args.report.as_deref())
+        }
+        (Some(file), None) => cluster::check::run(file, args.json),
+        (None, None) if names_a_scenario => scenario(args),
         (None, None) => match find::unnamed() {
             Some(cluster) => {
                 skein_lab::terminal::complain(&format!("checks {cluster}; `skein check SCENARIO` checks a scenario"));
@@ -65,16 +73,13 @@ pub fn run(args: &CheckArgs) -> Result<(), Error> {
     }
 }
 
-fn simulator(xplane: &HostPort, json: bool) -> Result<(), Error> {
-    let address = format!("{}:{}", xplane.host, xplane.port);
-    let received = simulators::ask(&address)?;
-    let text = format!("{address}: {received}\n");
-    skein_lab::terminal::say(&if json {
-        skein_lab::terminal::json(&json!({ "xplane": address, "heard": received }))
-    } else {
-        text
-    });
-    Ok(())
+/// The scenario, and the datarefs of its first vehicle's aircraft.
+fn flown(args: &CheckArgs) -> Result<(Scenario, Profile), Error> {
+    let described = args.scenario.read_any(Vec::new())?;
+    let scenario = described.first().scenario.clone();
+    let ready = args.scenario.ready(&scenario)?;
+    let profile = ready.aircraft.into_iter().next().map(|aircraft| aircraft.xplane).unwrap_or_default();
+    Ok((scenario, profile))
 }
 
 fn scenario(args: &CheckArgs) -> Result<(), Error> {

@@ -20,6 +20,7 @@ use crate::manual::{self, CompletionsArgs, ManArgs};
 use crate::new::{self, NewArgs};
 use crate::order::{self, OrderArgs};
 use crate::record::{self, RecordArgs};
+use crate::release::{self, ReleaseArgs};
 use crate::report::{self, ReportArgs};
 use crate::scenarios::{self, ScenariosArgs};
 use crate::version;
@@ -57,6 +58,8 @@ pub enum Command {
     Order(OrderArgs),
     /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of an X-Plane
     Check(CheckArgs),
+    /// Give the controls of X-Planes back after an agent's PC has died
+    Release(ReleaseArgs),
     /// What of this PC would stop or disturb a flight: ports, firewall, cores, clock, limits, disk, X-Plane's beacon
     Doctor(DoctorArgs),
     /// What the keys of a scenario mean: kind, range, default and reason
@@ -116,6 +119,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Report(args) => report::run(&args),
         Command::Order(args) => order::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Release(args) => release::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Explain(args) => explain::run(&args),
         Command::Scenarios(args) => scenarios::run(&args),

@@ -56,7 +56,8 @@ fn line(what: &'static str, found: impl Into<String>) -> Line {
     Line::new("this PC", what, found)
 }
 
-fn as_table(lines: &[Line]) -> String {
+/// The lines as a table, without their places.
+pub(crate) fn as_table(lines: &[Line]) -> String {
     let row = |line: &Line| {
         let cells = [line.what, line.state.label(), &line.found, line.remedy.as_deref().unwrap_or_default()];
         cells.map(str::to_owned).to_vec()

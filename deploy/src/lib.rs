@@ -22,6 +22,7 @@ pub mod ports;
 pub mod prepare;
 pub mod reach;
 pub mod record;
+pub mod release;
 pub mod report;
 pub mod scenarios;
 pub mod simulators;

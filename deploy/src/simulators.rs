@@ -1,6 +1,7 @@
 //! Finds the X-Planes that a flight on this PC uses, and asks whether each answers.
 
 mod probe;
+pub(crate) mod survey;
 
 use std::net::ToSocketAddrs;
 use std::thread;

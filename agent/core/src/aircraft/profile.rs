@@ -73,6 +73,23 @@ pub struct Profile {
     pub rotor_speed_rpm: Dataref,
 }
 
+impl Profile {
+    /// All datarefs of the profile, each once: overrides, controls, those held, the rotor speed.
+    pub fn datarefs(&self) -> Vec<&Dataref> {
+        let controls = [&self.roll, &self.pitch, &self.yaw];
+        let mut all: Vec<&Dataref> = self.overrides.iter().chain(controls).chain(&self.collective).collect();
+        all.extend(self.hold.keys());
+        all.push(&self.rotor_speed_rpm);
+        let mut seen = Vec::new();
+        all.retain(|dataref| {
+            let is_new = !seen.contains(dataref);
+            seen.push(*dataref);
+            is_new
+        });
+        all
+    }
+}
+
 impl Default for Profile {
     /// A helicopter of X-Plane 11 or 12 whose own governor keeps the rotor speed once its engine runs. The cyclic is
     /// driven as in ArduPilot (three yoke ratios under `override_joystick`, collective on the propeller lever). The

@@ -1,0 +1,354 @@
+//! `skein check --xplane`: what would stop an agent at one X-Plane, each fault with its remedy.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use serde_json::json;
+use skein_common::frame::{Geodetic, Origin};
+use skein_common::scenario::Scenario;
+use skein_core::aircraft::Profile;
+use skein_lab::error::Error;
+use skein_lab::terminal;
+
+use crate::cluster::check::{Line, verdict};
+use crate::doctor;
+use crate::new::discover;
+use crate::os;
+use crate::simulators::HostPort;
+use crate::simulators::survey::{Survey, Surveyor};
+
+/// How long positions are watched, how long an answer may take, and how long a report gathers datagrams.
+const WATCHED: Duration = Duration::from_secs(5);
+const ANSWERS_WITHIN: Duration = Duration::from_secs(3);
+const REPORTED: Duration = Duration::from_secs(60);
+/// Positions a second that an agent asks for; below the second number it flies, but not as well; below the third not at all.
+const WANTED_HZ: u32 = 50;
+const WELL_FROM_HZ: f64 = 45.0;
+const FLIES_FROM_HZ: f64 = 20.0;
+/// Longest time between two positions that is no interruption, s.
+const LONGEST_GAP_S: f64 = 0.1;
+/// Characters of the aircraft's path that are read, one dataref for each.
+const PATH_CHARACTERS: usize = 80;
+/// Distance from the scenario's origin above which it looks like a mistake, m, and difference in elevation, m.
+const FAR_M: f64 = 2000.0;
+const HIGH_M: f64 = 50.0;
+
+const VERSION: &str = "sim/version/xplane_internal_version";
+const PAUSED: &str = "sim/time/paused";
+const REPLAY: &str = "sim/time/is_in_replay";
+const SPEED: &str = "sim/time/sim_speed_actual";
+const PERIOD: &str = "sim/operation/misc/frame_rate_period";
+const CRASHED: &str = "sim/flightmodel2/misc/has_crashed";
+/// The name in versions since 12, and the misspelt one before.
+const RANDOM_FAILURES: [&str; 2] =
+    ["sim/operation/failures/enable_random_failures", "sim/operation/failures/enable_random_falures"];
+
+fn path_element(nth: usize) -> String {
+    format!("sim/aircraft/view/acf_relative_path[{nth}]")
+}
+
+/// Checks the X-Plane and prints a line for each thing; with `report`, gathers a minute of datagrams into that file too.
+///
+/// # Errors
+/// If a fault prevents a flight, or the report cannot be written.
+pub(super) fn run(
+    xplane: &HostPort,
+    profile: &Profile,
+    scenario: Option<&Scenario>,
+    json: bool,
+    report: Option<&Path>,
+) -> Result<(), Error> {
+    let address = format!("{}:{}", xplane.host, xplane.port);
+    let surveyor = Surveyor::open(&address)?;
+    let lines = lines(&address, &surveyor, profile, scenario)?;
+    if let Some(path) = report {
+        write_report(path, &surveyor, profile, &lines, REPORTED)?;
+    }
+    terminal::say(&if json { terminal::json(&lines) } else { doctor::as_table(&lines) });
+    verdict(&lines)
+}
+
+/// Checks the X-Plane at this address.
+fn lines(place: &str, surveyor: &Surveyor, profile: &Profile, scenario: Option<&Scenario>) -> Result<Vec<Line>, Error> {
+    let beacon = std::thread::spawn(|| discover::heard(WATCHED));
+    let survey = surveyor.survey(&wanted(profile), WANTED_HZ, WATCHED, false)?;
+    let mut lines = Vec::new();
+    if survey.has_answered() {
+        lines.push(answer(place, &survey));
+        lines.push(version(place, &survey));
+        // A thread that panicked has printed the reason.
+        lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator().port(), heard)));
+        lines.push(frames(place, &survey));
+        lines.extend(states(place, &survey));
+        lines.push(aircraft(place, &survey));
+        lines.extend(datarefs(place, &survey, profile));
+        lines.push(rotor(place, &survey, profile));
+        lines.push(overrides(place, surveyor, &survey, profile)?);
+        lines.extend(scenario.and_then(|scenario| origin(place, &survey, scenario)));
+        lines.push(load());
+    } else {
+        let found = format!("no answer within {} s", WATCHED.as_secs());
+        lines.push(Line::new(place, "answer", found).fault(
+            "start X-Plane and load a flight; set Settings, Network, \"Accept incoming connections\"; let UDP through both ways",
+        ));
+    }
+    Ok(lines)
+}
+
+/// All datarefs that are asked for.
+fn wanted(profile: &Profile) -> Vec<String> {
+    let states = [VERSION, PAUSED, REPLAY, SPEED, PERIOD, CRASHED].into_iter().chain(RANDOM_FAILURES);
+    let own = profile.datarefs().into_iter().map(|dataref| dataref.as_str().to_owned());
+    states.map(str::to_owned).chain(own).chain((0..PATH_CHARACTERS).map(path_element)).collect()
+}
+
+fn answer(place: &str, survey: &Survey) -> Line {
+    let found = format!("{} positions, {} values", survey.positions_s.len(), survey.values.len());
+    match (&survey.position, survey.malformed) {
+        (_, malformed) if malformed > 0 => {
+            Line::new(place, "answer", format!("{found}, {malformed} datagrams that are not X-Plane's")).warning(
+                "another program answers at this port too, or X-Plane's version is not known: end it, or send a report",
+            )
+        }
+        (None, _) => Line::new(place, "answer", found).fault("load a flight: X-Plane sends no position from its menus"),
+        (Some(position), _) => Line::new(
+            place,
+            "answer",
+            format!(
+                "{found}; aircraft at {:.5}°, {:.5}°, {:.0} m, {:.1} m above the ground",
+                position.latitude_deg, position.longitude_deg, position.elevation_m, position.height_m
+            ),
+        ),
+    }
+}
+
+fn version(place: &str, survey: &Survey) -> Line {
+    let Some(version) = survey.value(VERSION) else {
+        return Line::new(place, "version", "not answered").unknown();
+    };
+    let number = version as u32;
+    let line =
+        Line::new(place, "version", format!("{}.{}.{}", number / 10_000, number / 1_000 % 10, number / 100 % 10));
+    if number >= 110_000 { line } else { line.warning("Skein is made for X-Plane 11 and 12") }
+}
+
+fn announces(place: &str, port: u16, heard: Result<Vec<discover::FoundXPlane>, Error>) -> Line {
+    match heard {
+        Err(error) => Line::new(place, "beacon", error.to_string()).unknown(),
+        Ok(found) => match found.iter().find(|found| found.port == port) {
+            Some(found) => Line::new(place, "beacon", format!("{} on {}", found.version, found.computer)),
+            None => {
+                Line::new(place, "beacon", "not received; needed only to find X-Planes without an address").unknown()
+            }
+        },
+    }
+}
+
+/// Rate of the positions, and how regular they are.
+fn frames(place: &str, survey: &Survey) -> Line {
+    let times_s = &survey.positions_s;
+    let [first_s, .., last_s] = times_s[..] else {
+        return Line::new(place, "frames", "fewer than two positions").fault("load a flight, and resume it");
+    };
+    let mut between_s: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    between_s.sort_by(f64::total_cmp);
+    let rate_hz = between_s.len() as f64 / (last_s - first_s).max(1e-3);
+    let longest_s = between_s.last().copied().unwrap_or_default();
+    let p99_s = between_s[(between_s.len() - 1) * 99 / 100];
+    let mut found = format!(
+        "{rate_hz:.0} positions a second, 99 % within {:.0} ms, longest {:.0} ms",
+        1e3 * p99_s,
+        1e3 * longest_s
+    );
+    if let Some(period_s) = survey.value(PERIOD).filter(|period_s| *period_s > 0.0) {
+        let _ = write!(found, "; {:.0} frames a second on its screen", 1.0 / period_s);
+    }
+    let line = Line::new(place, "frames", found);
+    let slower = "lower the graphics settings, or the number of other aircraft";
+    if rate_hz < FLIES_FROM_HZ {
+        line.fault(format!("an agent needs {FLIES_FROM_HZ:.0} a second: {slower}"))
+    } else if rate_hz < WELL_FROM_HZ || longest_s > LONGEST_GAP_S {
+        line.warning(format!("an agent flies best with {WANTED_HZ} regular positions a second: {slower}"))
+    } else {
+        line
+    }
+}
+
+/// Whether the simulator simulates.
+fn states(place: &str, survey: &Survey) -> Vec<Line> {
+    let of = |what, path: &str, good: &str, is_good: fn(f32) -> bool, bad: &str, remedy: &str| match survey.value(path)
+    {
+        None => Line::new(place, what, "not answered").unknown(),
+        Some(value) if is_good(value) => Line::new(place, what, good),
+        Some(value) => Line::new(place, what, format!("{bad} ({value})")).fault(remedy),
+    };
+    let is_zero = |value: f32| value == 0.0;
+    let mut lines = vec![
+        of("pause", PAUSED, "runs", is_zero, "paused", "resume it: P on X-Plane's keyboard"),
+        of("replay", REPLAY, "not in replay", is_zero, "in replay", "leave the replay"),
+        of("crash", CRASHED, "not crashed", is_zero, "the aircraft has crashed", "reset the flight"),
+    ];
+    lines.push(match survey.value(SPEED) {
+        None => Line::new(place, "speed", "not answered").unknown(),
+        Some(speed) if (speed - 1.0).abs() < 0.05 || survey.value(PAUSED) == Some(1.0) => {
+            Line::new(place, "speed", format!("{speed:.2} times real time"))
+        }
+        Some(speed) => Line::new(place, "speed", format!("{speed:.2} times real time"))
+            .warning("X-Plane slows its time below 19 frames a second, and its settings can: set real time"),
+    });
+    lines.push(match RANDOM_FAILURES.iter().find_map(|path| survey.value(path)) {
+        None => Line::new(place, "random failures", "not answered").unknown(),
+        Some(0.0) => Line::new(place, "random failures", "off"),
+        Some(_) => Line::new(place, "random failures", "on").warning("turn them off: Aircraft, Failures"),
+    });
+    lines
+}
+
+/// The file of the aircraft that is loaded.
+fn aircraft(place: &str, survey: &Survey) -> Line {
+    let letters = (0..PATH_CHARACTERS).map_while(|nth| survey.value(&path_element(nth)));
+    let bytes: Vec<u8> = letters.map(|value| value as u8).take_while(|byte| *byte != 0).collect();
+    match bytes.is_empty() {
+        true => Line::new(place, "aircraft", "its file was not answered: look which aircraft is loaded").unknown(),
+        false => Line::new(
+            place,
+            "aircraft",
+            skein_common::printable::printable(&String::from_utf8_lossy(&bytes), PATH_CHARACTERS),
+        ),
+    }
+}
+
+/// Each dataref of the aircraft's file that does not answer.
+fn datarefs(place: &str, survey: &Survey, profile: &Profile) -> Vec<Line> {
+    let all = profile.datarefs();
+    let silent: Vec<Line> = all
+        .iter()
+        .filter(|dataref| survey.value(dataref.as_str()).is_none())
+        .map(|dataref| {
+            let found = format!("{}: no answer within {} s", dataref.as_str(), WATCHED.as_secs());
+            Line::new(place, "dataref", found).fault(
+                "this X-Plane or this aircraft has no such dataref: correct the table [xplane] of the aircraft's file",
+            )
+        })
+        .collect();
+    if silent.is_empty() {
+        return vec![Line::new(place, "datarefs", format!("all {} of the aircraft's file answer", all.len()))];
+    }
+    silent
+}
+
+fn rotor(place: &str, survey: &Survey, profile: &Profile) -> Line {
+    match survey.value(profile.rotor_speed_rpm.as_str()) {
+        None => Line::new(place, "rotor", "its speed is not answered").unknown(),
+        Some(rpm) if rpm > 1.0 => Line::new(place, "rotor", format!("{rpm:.0} rpm")),
+        Some(_) => Line::new(place, "rotor", "does not turn")
+            .warning("start the engine; an agent waits for the rotor before take-off"),
+    }
+}
+
+/// Takes the overrides for a moment, if no one holds them, and gives them back.
+fn overrides(place: &str, surveyor: &Surveyor, survey: &Survey, profile: &Profile) -> Result<Line, Error> {
+    let paths: Vec<String> = profile.overrides.iter().map(|dataref| dataref.as_str().to_owned()).collect();
+    let line = |found: &str| Line::new(place, "overrides", found);
+    if paths.iter().any(|path| survey.value(path).is_none()) {
+        return Ok(line("not answered").unknown());
+    }
+    if paths.iter().any(|path| survey.value(path) != Some(0.0)) {
+        return Ok(line("held by another program").warning(
+            "if an agent flies this aircraft, all is well; if its PC has died, `skein release` gives the controls back",
+        ));
+    }
+    let after = |value: f32| {
+        paths.iter().for_each(|path| surveyor.write(path, value));
+        read_until(surveyor, &paths, value)
+    };
+    let (is_taken, is_back) = (after(1.0)?, after(0.0)?);
+    Ok(match (is_taken, is_back) {
+        (true, true) => line("taken and given back"),
+        (false, _) => line("were written, but did not take").fault(
+            "another program or plugin sets them; X-Plane's network settings may refuse writes: accept incoming connections",
+        ),
+        (true, false) => line("were taken, but not given back").fault("`skein release` gives them back"),
+    })
+}
+
+/// Whether all of these have this value within the time for an answer.
+///
+/// # Errors
+/// If the system provides no random numbers.
+pub(crate) fn read_until(surveyor: &Surveyor, paths: &[String], value: f32) -> Result<bool, Error> {
+    let until = skein_host::clock::now() + ANSWERS_WITHIN;
+    loop {
+        let survey = surveyor.survey(paths, 0, Duration::from_millis(500), false)?;
+        if paths.iter().all(|path| survey.value(path) == Some(value)) {
+            return Ok(true);
+        }
+        if skein_host::clock::now() >= until {
+            return Ok(false);
+        }
+    }
+}
+
+/// Where the aircraft is from the scenario's origin.
+fn origin(place: &str, survey: &Survey, scenario: &Scenario) -> Option<Line> {
+    let position = survey.position.as_ref()?;
+    let at = Geodetic::from_degrees(position.latitude_deg, position.longitude_deg, position.elevation_m);
+    let from = Origin::new(scenario.origin.geodetic()).ned_from_geodetic(&at);
+    let (away_m, ground_m) = (from.horizontal().norm(), from.altitude_m() - f64::from(position.height_m));
+    let line = Line::new(
+        place,
+        "origin",
+        format!("{away_m:.0} m from {}'s origin, on ground {ground_m:+.1} m against it", scenario.name),
+    );
+    let here = format!(
+        "--set origin.latitude_deg={:.6} --set origin.longitude_deg={:.6} --set origin.elevation_m={:.1}",
+        position.latitude_deg,
+        position.longitude_deg,
+        position.elevation_m - f64::from(position.height_m)
+    );
+    Some(if away_m > FAR_M || ground_m.abs() > HIGH_M {
+        line.warning(format!("move the aircraft there, or the origin here: {here}"))
+    } else {
+        line
+    })
+}
+
+fn load() -> Line {
+    match os::load() {
+        None => Line::new("this PC", "load", "not reported by this system").unknown(),
+        Some(load) if load > os::cores() as f64 => {
+            Line::new("this PC", "load", format!("{load:.1} on {} cores", os::cores()))
+                .warning("end other programs: an agent that comes late flies badly")
+        }
+        Some(load) => Line::new("this PC", "load", format!("{load:.1} on {} cores", os::cores())),
+    }
+}
+
+/// Gathers datagrams for this time and writes all of it, a JSON object a line: first the checks, then each datagram.
+fn write_report(
+    path: &Path,
+    surveyor: &Surveyor,
+    profile: &Profile,
+    lines: &[Line],
+    time: Duration,
+) -> Result<(), Error> {
+    terminal::complain(&format!("gathers datagrams for {} s", time.as_secs()));
+    let survey = surveyor.survey(&wanted(profile), WANTED_HZ, time, true)?;
+    let mut text = json!({ "skein": crate::version::line(), "checks": lines, "values": survey.values }).to_string();
+    for datagram in &survey.datagrams {
+        let hex = datagram.bytes.iter().fold(String::new(), |mut hex, byte| {
+            let _ = write!(hex, "{byte:02x}");
+            hex
+        });
+        let _ = write!(text, "\n{}", json!({ "after_s": datagram.after_s, "datagram": hex }));
+    }
+    text.push('\n');
+    fs::write(path, text).map_err(|error| Error::Failed(format!("{}: {error}", path.display())))?;
+    terminal::complain(&format!("{}: the checks and {} datagrams", path.display(), survey.datagrams.len()));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

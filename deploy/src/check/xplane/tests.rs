@@ -1,0 +1,113 @@
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::JoinHandle;
+
+use clap::Parser;
+use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
+use skein_common::scenario::{Source, load};
+
+use super::*;
+use crate::cluster::check::State;
+use crate::release::{ReleaseArgs, run as release};
+
+#[derive(Parser)]
+struct Cli {
+    #[command(flatten)]
+    options: StandinOptions,
+}
+
+/// A stand-in that runs until it is dropped.
+struct Running {
+    address: SocketAddr,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Running {
+    fn begin() -> Self {
+        let options = Cli::parse_from(["standin", "--port", "0", "--beacon", "false"]).options;
+        let mut standin = Standin::open(&options).unwrap();
+        let (address, stop) = (standin.address(), Arc::new(AtomicBool::new(false)));
+        let of_thread = Arc::clone(&stop);
+        let thread = Some(std::thread::spawn(move || standin.run(&of_thread)));
+        Self { address, stop, thread }
+    }
+
+    fn surveyor(&self) -> Surveyor {
+        Surveyor::open(&self.address.to_string()).unwrap()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.stop.store(true, Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn state(lines: &[Line], what: &str) -> State {
+    lines.iter().find(|line| line.what == what).unwrap_or_else(|| panic!("{what}: {lines:#?}")).state
+}
+
+#[test]
+fn an_x_plane_ready_for_an_agent_has_no_fault_and_a_missing_dataref_is_named() {
+    let running = Running::begin();
+    let text = "name = \"far\"\n[origin]\nlatitude_deg = 29.0\nlongitude_deg = -82.0\nelevation_m = 0\n[swarm]\nvehicles = 1\n";
+    let scenario = load(&Source { name: "far.toml", text }, &[]).unwrap().scenario;
+    let mut profile = Profile::default();
+    let found = lines("here", &running.surveyor(), &profile, Some(&scenario)).unwrap();
+    for what in ["answer", "version", "pause", "replay", "speed", "datarefs", "rotor", "overrides"] {
+        assert_eq!(state(&found, what), State::Good, "{what}: {found:#?}");
+    }
+    assert_eq!(state(&found, "origin"), State::Warning);
+    assert_ne!(state(&found, "frames"), State::Fault, "{found:#?}");
+    verdict(&found).unwrap();
+
+    let missing = skein_core::aircraft::Dataref::new("laminar/r22/rotor_collective_ratio").unwrap();
+    profile.collective.push(missing);
+    let found = lines("here", &running.surveyor(), &profile, None).unwrap();
+    let line = found.iter().find(|line| line.what == "dataref").unwrap();
+    assert!(line.state == State::Fault && line.found.starts_with("laminar/r22/rotor_collective_ratio"), "{line:?}");
+    assert!(verdict(&found).is_err());
+}
+
+#[test]
+fn no_answer_is_one_fault() {
+    let silent = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let surveyor = Surveyor::open(&silent.local_addr().unwrap().to_string()).unwrap();
+    let found = lines("there", &surveyor, &Profile::default(), None).unwrap();
+    assert!(matches!(&found[..], [line] if line.state == State::Fault && line.what == "answer"), "{found:#?}");
+}
+
+#[test]
+fn a_report_has_the_checks_and_every_datagram() {
+    let running = Running::begin();
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let lines = [Line::new("here", "pause", "runs")];
+    let time = Duration::from_secs(1);
+    write_report(file.path(), &running.surveyor(), &Profile::default(), &lines, time).unwrap();
+    let text = fs::read_to_string(file.path()).unwrap();
+    let objects: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(objects[0]["checks"][0]["found"], "runs");
+    assert!(objects[0]["values"][VERSION].as_f64().unwrap() > 110_000.0);
+    let positions = objects.iter().filter(|object| object["datagram"].as_str().is_some_and(|hex| hex.starts_with("52504f53")));
+    assert!(positions.count() > 30, "RPOS in hexadecimal");
+}
+
+#[test]
+fn controls_that_a_dead_agent_held_are_given_back() {
+    let running = Running::begin();
+    let surveyor = running.surveyor();
+    let overrides = ["sim/operation/override/override_joystick".to_owned()];
+    surveyor.write(&overrides[0], 1.0);
+    assert!(read_until(&surveyor, &overrides, 1.0).unwrap(), "the agent held them");
+    let held = lines("here", &surveyor, &Profile::default(), None).unwrap();
+    assert_eq!(state(&held, "overrides"), State::Warning, "the check does not touch them");
+    assert!(read_until(&surveyor, &overrides, 1.0).unwrap());
+    let xplanes = vec![running.address.to_string().parse().unwrap()];
+    release(&ReleaseArgs { xplanes, aircraft: "xcell60".to_owned() }).unwrap();
+    assert!(read_until(&surveyor, &overrides, 0.0).unwrap());
+}

@@ -1,0 +1,75 @@
+//! `skein release`: gives the controls of X-Planes back, after the PC of an agent has died.
+
+use std::path::Path;
+use std::time::Duration;
+
+use skein_host::files;
+use skein_lab::error::Error;
+use skein_lab::terminal::{complain, say};
+
+use crate::check::xplane::read_until;
+use crate::simulators::HostPort;
+use crate::simulators::survey::Surveyor;
+
+/// `skein release`
+#[derive(Clone, Debug, clap::Args)]
+#[command(
+    long_about = "Gives the controls of X-Planes back to their pilots. An agent does this when it ends; after its PC has died, X-Plane \
+                  still ignores its own joystick. An agent that still flies takes the controls again at once: land it instead.",
+    after_help = "Examples:\n  skein release 10.0.0.7\n  skein release 10.0.0.7:49000 10.0.0.8:49000"
+)]
+pub struct ReleaseArgs {
+    /// The X-Planes
+    #[arg(required = true, value_name = "HOST[:PORT]")]
+    pub xplanes: Vec<HostPort>,
+    /// Aircraft file whose overrides were taken; without it X-Plane's usual one
+    #[arg(long, value_name = "AIRCRAFT", default_value = "xcell60", hide_default_value = true)]
+    pub aircraft: String,
+}
+
+/// How long X-Plane may take to answer, and how long its controls have to stay free: an agent takes them five times a second.
+const ANSWER: Duration = Duration::from_secs(3);
+const STAYS: Duration = Duration::from_millis(600);
+
+/// Gives the controls of each X-Plane back and reads them again.
+///
+/// # Errors
+/// If an X-Plane does not answer, or its controls are taken again.
+pub fn run(args: &ReleaseArgs) -> Result<(), Error> {
+    let (aircraft, _) = files::aircraft(&args.aircraft, Path::new(""))
+        .map_err(|fault| Error::Refused(format!("--aircraft: {fault}")))?;
+    let overrides: Vec<String> = aircraft.xplane.overrides.iter().map(|path| path.as_str().to_owned()).collect();
+    let mut failed = 0;
+    for xplane in &args.xplanes {
+        let address = format!("{}:{}", xplane.host, xplane.port);
+        match release(&address, &overrides) {
+            Ok(done) => say(&format!("{address}: {done}\n")),
+            Err(error) => {
+                complain(&format!("{address}: {error}"));
+                failed += 1;
+            }
+        }
+    }
+    match failed {
+        0 => Ok(()),
+        _ => Err(Error::Failed(format!("{failed} of {} not given back", args.xplanes.len()))),
+    }
+}
+
+fn release(address: &str, overrides: &[String]) -> Result<&'static str, Error> {
+    let surveyor = Surveyor::open(address)?;
+    let before = surveyor.survey(overrides, 0, ANSWER, false)?;
+    if !before.has_answered() {
+        return Err(Error::Failed(
+            "no answer within 3 s; is X-Plane running, and does it accept incoming connections?".to_owned(),
+        ));
+    }
+    let was_held = overrides.iter().any(|path| before.value(path).is_some_and(|value| value != 0.0));
+    overrides.iter().for_each(|path| surveyor.write(path, 0.0));
+    let is_free = read_until(&surveyor, overrides, 0.0)?;
+    skein_host::clock::sleep(STAYS);
+    if !(is_free && read_until(&surveyor, overrides, 0.0)?) {
+        return Err(Error::Failed("an agent takes the controls again; land it: `skein order land`".to_owned()));
+    }
+    Ok(if was_held { "the controls are given back" } else { "the controls were free already" })
+}
