@@ -1,4 +1,4 @@
-//! `skein fit`: flies an aircraft that nobody has flown with these rules before, and writes its aircraft file.
+//! `skein fit`: flies an aircraft that was never flown with these rules before, and writes its aircraft file.
 
 use std::fs;
 use std::path::{Path, PathBuf};

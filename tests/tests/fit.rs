@@ -1,5 +1,4 @@
 //! Helicopters that no one has flown before: the ladder of `skein fit` makes each fly the default ring.
-#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
 use skein_core::fit::{FitError, Fitted};
 use skein_tests::fit::{Climbed, climb, random_helicopter, ring};

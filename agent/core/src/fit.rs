@@ -1,4 +1,4 @@
-//! Fit: finds trim and gains of an aircraft that nobody has flown by these rules before, by flying it.
+//! Fit: finds trim and gains of an aircraft that was never flown by these rules before, by flying it.
 //!
 //! [`Fit`] takes one vehicle up a ladder. Each rung tries one thing, measures it, and is the condition of the next:
 //!
@@ -268,7 +268,7 @@ enum Stage {
 
 /// What a stage gives back.
 enum Verdict {
-    /// It goes on with these controls.
+    /// It continues with these controls.
     Goes(Controls),
     /// It is done; the next stage begins with the next measurement, and these controls are held until then.
     Done(Controls),

@@ -146,7 +146,7 @@ impl Surveyor {
             match self.socket.recv_from(buffer) {
                 Ok((size, from)) if from.ip() == self.simulator.ip() => return Some(size),
                 Ok(_) => {}
-                // On some systems a refusing host makes the next receive fail; the wait goes on.
+                // On some systems a refusing host makes the next receive fail; the wait continues.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionReset => clock::sleep(Duration::from_millis(10)),
                 Err(_) => return None,
             }

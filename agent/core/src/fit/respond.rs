@@ -109,11 +109,11 @@ impl Responding {
             return Verdict::Goes(held);
         };
         *since_s += dt_s;
-        let is_first = self.done % 2 == 0;
+        let is_first = self.done.is_multiple_of(2);
         if *since_s >= pulse.measured_from_s {
             self.measured.add(axis.response(estimate) - *response_before);
         }
-        // The other controls go on as the rules say; this one is held at its step.
+        // The other controls continue as the rules say; this one is held at its step.
         let mut controls = held;
         let mut stepped = *before;
         axis.move_by(&mut stepped, if is_first { pulse.by } else { -pulse.by });

@@ -93,7 +93,8 @@ fn a_report_has_the_checks_and_every_datagram() {
     let objects: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(objects[0]["checks"][0]["found"], "runs");
     assert!(objects[0]["values"][VERSION].as_f64().unwrap() > 110_000.0);
-    let positions = objects.iter().filter(|object| object["datagram"].as_str().is_some_and(|hex| hex.starts_with("52504f53")));
+    let positions =
+        objects.iter().filter(|object| object["datagram"].as_str().is_some_and(|hex| hex.starts_with("52504f53")));
     assert!(positions.count() > 30, "RPOS in hexadecimal");
 }
 
