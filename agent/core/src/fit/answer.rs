@@ -102,7 +102,7 @@ impl Answering {
         Verdict::Goes(controls)
     }
 
-    /// Goes on to the next axis; after the last the collective rises.
+    /// Continues to the next axis; after the last the collective rises.
     fn next_axis(&mut self) {
         self.part = 0;
         self.effects = Default::default();
