@@ -61,7 +61,7 @@ fn release(address: &str, overrides: &[String]) -> Result<&'static str, Error> {
     let before = surveyor.survey(overrides, 0, ANSWER, false)?;
     if !before.has_answered() {
         return Err(Error::Failed(
-            "no answer within 3 s; is X-Plane running, and does it accept incoming connections?".to_owned(),
+            "no answer within 2 s; is X-Plane running, and does it accept incoming connections?".to_owned(),
         ));
     }
     let was_held = overrides.iter().any(|path| before.value(path).is_some_and(|value| value != 0.0));

@@ -17,7 +17,7 @@ use crate::doctor;
 use crate::new::discover;
 use crate::os;
 use crate::simulators::HostPort;
-use crate::simulators::survey::{Survey, Surveyor};
+use crate::simulators::survey::{SILENT, Survey, Surveyor};
 
 /// How long positions are watched, how long an answer may take, and how long a report gathers datagrams.
 const WATCHED: Duration = Duration::from_secs(5);
@@ -89,7 +89,7 @@ fn lines(place: &str, surveyor: &Surveyor, profile: &Profile, scenario: Option<&
         lines.extend(scenario.and_then(|scenario| origin(place, &survey, scenario)));
         lines.push(load());
     } else {
-        let found = format!("no answer within {} s", WATCHED.as_secs());
+        let found = format!("no answer within {} s", SILENT.as_secs());
         lines.push(Line::new(place, "answer", found).fault(
             "start X-Plane and load a flight; set Settings, Network, \"Accept incoming connections\"; let UDP through both ways",
         ));

@@ -21,6 +21,8 @@ const BATCH: usize = 100;
 const BATCH_EVERY: Duration = Duration::from_millis(100);
 /// Requests are sent again after this time to a simulator that has not answered: datagrams are lost.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
+/// A simulator that has sent nothing in this time is given up.
+pub(crate) const SILENT: Duration = Duration::from_secs(2);
 /// Size of the largest datagram that is received.
 const LARGEST: usize = 2048;
 /// Largest random first index: the indices above it are still positive.
@@ -73,7 +75,7 @@ impl Surveyor {
     }
 
     /// Asks for these datarefs and, at `positions_hz` (0: none), for positions; receives for this time, or until all
-    /// datarefs have answered if no positions are wanted; then ends the subscriptions.
+    /// datarefs have answered if no positions are wanted, or until it is clear that nothing answers; then ends the subscriptions.
     ///
     /// # Errors
     /// If the system provides no random numbers.
@@ -96,7 +98,8 @@ impl Surveyor {
                 self.subscribe(datarefs, first, VALUES_HZ, positions_hz);
                 asked = clock::now();
             }
-            if positions_hz == 0 && survey.values.len() == datarefs.len() {
+            let is_complete = positions_hz == 0 && survey.values.len() == datarefs.len();
+            if is_complete || is_silent && clock::now() >= begin + SILENT {
                 break;
             }
             let Some(size) = self.receive(&mut buffer, (begin + time).min(asked + ASK_AGAIN)) else { continue };
