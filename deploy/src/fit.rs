@@ -31,7 +31,7 @@ pub struct FitArgs {
     /// The X-Plane, with the aircraft on level ground, engine running, in calm air
     #[arg(long, value_name = "HOST[:PORT]")]
     pub xplane: HostPort,
-    /// Aircraft file whose table [xplane] says which datarefs are the controls; without it X-Plane's usual ones
+    /// Aircraft file whose table "xplane" says which datarefs are the controls; without it X-Plane's usual ones
     #[arg(long, value_name = "AIRCRAFT", default_value = "xcell60", hide_default_value = true)]
     pub base: String,
     /// Print the result as JSON
