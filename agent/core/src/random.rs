@@ -37,6 +37,8 @@ pub enum Purpose {
     SensorDropout = 11,
     /// Impairments of the states of other teams at a vehicle.
     Strangers = 12,
+    /// Frame lengths and lost datagrams of a stand-in for X-Plane.
+    Simulator = 13,
     /// Choices across many runs: the points a sweep samples, the runs a bootstrap draws.
     Study = 64,
 }

@@ -6,7 +6,8 @@
 //! the client ends it. A written value takes effect in the next frame. An axis without an override belongs to the
 //! pilot, whose controls are always centred here.
 //!
-//! While it is paused, time and aircraft stand still, and the messages continue. A reset gives the overrides back.
+//! While it is paused or in replay, time stands still, and the messages continue. A reset gives the overrides back. Datarefs
+//! below `skein/standin/` order faults, so that tests and students see what a real simulator does on a bad day.
 
 mod clients;
 mod datarefs;
@@ -21,14 +22,18 @@ use super::wire::operation::{self, Command, End};
 use super::wire::prel::{self, Placement};
 use super::wire::{WireError, radr, rows, rpos, rref};
 use clients::Clients;
-use datarefs::{Handle, Setting, Settings, Situation};
+pub use datarefs::{DEFAULT_ACF, Surroundings};
+use datarefs::{Handle, Setting, Settings, Situation, reference_below};
 use output::{Radar, Rows};
+use skein_common::frame::Origin;
 use skein_core::plant::{Controls, Frame};
 
 /// A client silent for this long counts as gone where that matters, s. Our agents subscribe again every five seconds.
 const PRESUMED_GONE_S: u64 = 12;
 /// Largest number of unknown datarefs that are remembered, so that each is logged once.
 const MAX_UNKNOWN: usize = 64;
+/// Longest time that X-Plane simulates in one frame, s.
+const LONGEST_STEP_S: f64 = 1.0 / 19.0;
 
 /// Version of X-Plane to emulate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -66,6 +71,10 @@ pub enum Order {
     Place(Placement),
     /// Put it back to its start.
     Reset,
+    /// Do nothing for this many seconds, as a program that hangs.
+    Freeze(f32),
+    /// End, and start again after this many seconds.
+    Restart(f32),
 }
 
 /// State of the simulator's side between frames.
@@ -73,8 +82,8 @@ pub struct Server {
     version: Version,
     frame_rate_hz: u32,
     frames: u64,
-    /// Frames in which time stood still.
-    paused_frames: u64,
+    /// Simulated time since the start, s.
+    running_s: f64,
     is_paused: bool,
     /// Datagrams that would have ended X-Plane or the computer.
     refused_ends: u64,
@@ -82,6 +91,9 @@ pub struct Server {
     rows: Rows,
     radar: Radar,
     settings: Settings,
+    surroundings: Surroundings,
+    /// Origin of X-Plane's local frame.
+    reference: Option<Origin>,
     has_collective: bool,
     malformed: u64,
     unknown: BTreeSet<String>,
@@ -91,19 +103,21 @@ pub struct Server {
 
 impl Server {
     /// A simulator with a running engine and free controls, which draws `frame_rate_hz` frames a second.
-    pub fn new(version: Version, frame_rate_hz: u32) -> Self {
+    pub fn new(version: Version, frame_rate_hz: u32, surroundings: Surroundings) -> Self {
         let frame_rate_hz = frame_rate_hz.max(1);
         Self {
             version,
             frame_rate_hz,
             frames: 0,
-            paused_frames: 0,
+            running_s: 0.0,
             is_paused: false,
             refused_ends: 0,
             rows: Rows::default(),
             radar: Radar::default(),
             clients: Clients::new(frame_rate_hz, PRESUMED_GONE_S * u64::from(frame_rate_hz)),
             settings: Settings::new(),
+            surroundings,
+            reference: None,
             has_collective: false,
             malformed: 0,
             unknown: BTreeSet::new(),
@@ -119,7 +133,7 @@ impl Server {
         let outcome = match datagram.first_chunk() {
             Some(&rpos::TAG) => self.subscribe_position(datagram, from).map(|()| None),
             Some(&rref::TAG) => self.subscribe_value(datagram, from).map(|()| None),
-            Some(&dref::TAG) => self.write(datagram).map(|()| None),
+            Some(&dref::TAG) => self.write(datagram),
             Some(&prel::TAG) => Placement::decode(datagram)
                 .map(|placement| (placement.aircraft == 0).then_some(Order::Place(placement))),
             Some(&operation::CMND) => Command::decode(datagram).map(|command| self.run(command)),
@@ -158,7 +172,7 @@ impl Server {
             | "sim/operation/go_to_default"
             | "sim/operation/reload_aircraft"
             | "sim/operation/reload_aircraft_no_art" => {
-                (self.settings, self.has_collective) = (Settings::new(), false);
+                self.give_back();
                 return Some(Order::Reset);
             }
             path => tracing::debug!(path, "a command without effect here"),
@@ -166,9 +180,45 @@ impl Server {
         None
     }
 
-    /// Whether time stands still.
+    /// Gives the controls back and ends a replay and a crash; the orders for the network stay.
+    fn give_back(&mut self) {
+        let old = std::mem::replace(&mut self.settings, Settings::new());
+        for setting in [Setting::DataRate, Setting::RandomFailures, Setting::Speed, Setting::DropShare] {
+            self.settings.set_first(setting, old.first(setting));
+        }
+        self.has_collective = false;
+    }
+
+    /// Whether time stands still because of a pause.
     pub fn is_paused(&self) -> bool {
         self.is_paused
+    }
+
+    /// Whether the past is shown, while time stands still.
+    pub fn is_in_replay(&self) -> bool {
+        self.settings.first(Setting::Replay) != 0.0
+    }
+
+    /// Whether the aircraft has crashed and lies where it is until the next reset.
+    pub fn has_crashed(&self) -> bool {
+        self.settings.first(Setting::Crash) != 0.0
+    }
+
+    /// Share of datagrams, of both directions, that the network loses.
+    pub fn drop_share(&self) -> f64 {
+        self.settings.first(Setting::DropShare).into()
+    }
+
+    /// Sets the share of datagrams that the network loses.
+    pub fn set_drop_share(&mut self, share: f64) {
+        self.settings.store(Setting::DropShare, 0, share as f32);
+    }
+
+    /// Time that is simulated in a frame of this length, s. X-Plane never simulates more than 1/19 s in one frame: with
+    /// fewer frames a second its time is slower than real time.
+    pub fn simulated_s(&self, frame_s: f64) -> f64 {
+        let speed = f64::from(self.settings.first(Setting::Speed));
+        if self.is_paused || self.is_in_replay() { 0.0 } else { frame_s.min(LONGEST_STEP_S) * speed }
     }
 
     /// Number of datagrams so far that would have ended X-Plane or the computer.
@@ -192,11 +242,16 @@ impl Server {
         Ok(())
     }
 
-    fn write(&mut self, datagram: &[u8]) -> Result<(), WireError> {
+    fn write(&mut self, datagram: &[u8]) -> Result<Option<Order>, WireError> {
         let Write { value, path } = Write::decode(datagram)?;
         let written = self.find(path).and_then(|handle| handle.write(value, &mut self.settings));
         self.has_collective |= written == Some(Setting::Collective);
-        Ok(())
+        let ordered_s = |setting| Some(self.settings.first(setting)).filter(|&seconds| seconds > 0.0);
+        Ok(match written {
+            Some(Setting::Freeze) => ordered_s(Setting::Freeze).map(Order::Freeze),
+            Some(Setting::Restart) => ordered_s(Setting::Restart).map(Order::Restart),
+            _ => None,
+        })
     }
 
     fn find(&mut self, path: &str) -> Option<Handle> {
@@ -233,12 +288,21 @@ impl Server {
         })
     }
 
-    /// Ends a frame: passes each datagram that is due to `send`, the values before the position.
-    pub fn publish(&mut self, frame: &Frame, mut send: impl FnMut(SocketAddr, &[u8])) {
+    /// Ends a frame that lasted `frame_s`: passes each datagram that is due to `send`, the values before the position.
+    pub fn publish(&mut self, frame: &Frame, frame_s: f64, mut send: impl FnMut(SocketAddr, &[u8])) {
+        let simulated_s = self.simulated_s(frame_s);
         self.frames += 1;
-        self.paused_frames += u64::from(self.is_paused);
-        let mut situation = Situation::new(frame, self.running_s(), self.frame_period_s(), self.version.internal());
+        self.running_s += simulated_s;
+        if self.settings.first(Setting::MoveOrigin) != 0.0 {
+            self.settings.set_first(Setting::MoveOrigin, 0.0);
+            self.reference = None;
+        }
+        let reference = self.reference.get_or_insert_with(|| reference_below(&frame.measurement.position));
+        let mut situation = Situation::new(frame, reference, &self.surroundings, self.version.internal());
         situation.is_paused = self.is_paused;
+        situation.running_s = self.running_s;
+        situation.frame_period_s = frame_s;
+        situation.speed = simulated_s / frame_s;
         for client in &mut self.clients.all {
             self.pairs.clear();
             for value in &mut client.values {
@@ -297,14 +361,6 @@ impl Server {
     /// Number of malformed datagrams so far.
     pub fn malformed(&self) -> u64 {
         self.malformed
-    }
-
-    fn running_s(&self) -> f64 {
-        (self.frames - self.paused_frames) as f64 * self.frame_period_s()
-    }
-
-    fn frame_period_s(&self) -> f64 {
-        1.0 / f64::from(self.frame_rate_hz)
     }
 }
 

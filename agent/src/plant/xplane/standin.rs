@@ -1,130 +1,42 @@
 //! A headless X-Plane: the built-in helicopter behind X-Plane's protocol, on one thread at a simulator's pace.
 //!
-//! In each frame it reads the received datagrams, moves the aircraft and sends what is due, as X-Plane does. A frame is
-//! one or more ticks of the model, which are 20 ms long. On a slow computer simulated time falls behind, as in X-Plane.
+//! In each frame it reads the received datagrams, moves the aircraft and sends what is due, as X-Plane does. Frames have any
+//! rate and may be irregular. On a slow computer simulated time falls behind, as in X-Plane.
 //! The ground is flat, at the height given in the options. A placement puts the helicopter on the ground at rest,
 //! whatever elevation and speed it asks for; a reset puts it back to its start. While it is paused, it stands still, in
 //! the air as well.
 
-use std::fs;
+mod aircraft;
+mod options;
+
+use std::f64::consts::PI;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-use serde::Deserialize;
 use skein_common::frame::{Geodetic, Origin};
-use skein_common::id::VehicleId;
+use skein_common::math;
 use skein_host::clock::{now, sleep_until};
 use socket2::SockRef;
 
-use super::server::{Order, Server, Version};
+use super::server::{Order, Server, Surroundings};
 use super::socket::{Port, Received, is_receiver_down, is_this_host};
-use super::wire::{self, becn, prel::Placement, rpos};
-use skein_core::helicopter::{BuiltInVehicle, ParameterError, Parameters, Start, TICK_S, Weather};
+use super::wire::{becn, prel::Placement, rpos};
+use aircraft::Aircraft;
+pub use options::{StandinError, StandinOptions};
+use options::{check_frames, parameters, start, udp_port, weather};
+use rand_chacha::ChaCha8Rng;
+use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
+use skein_core::random::{Purpose, generator, uniform};
 
-/// Distance between the ports of neighbouring vehicles on one computer.
-const PORT_STEP: u16 = 10;
 /// Largest number of queued datagrams read in one frame.
 const MAX_QUEUED: u32 = 4096;
 /// Number of frames by which a simulator may be late before it skips them.
 const MAX_LATE_FRAMES: u32 = 5;
 /// Time without subscribers after which a stand-in with `--until-unused` ends.
 const UNUSED_TIMEOUT: Duration = Duration::from_secs(5);
-/// The default aircraft file.
-const XCELL60: &str = include_str!("../../../../deploy/aircraft/xcell60.toml");
-
-/// Command-line options of a stand-in.
-#[derive(Clone, Debug, PartialEq, clap::Args)]
-pub struct StandinOptions {
-    /// UDP port of vehicle 1; vehicle i listens on PORT + 10·(i − 1). With 0 the system chooses
-    #[arg(long, default_value_t = wire::PORT)]
-    pub port: u16,
-    /// The vehicle's number, 1 to 250
-    #[arg(long, default_value = "1")]
-    pub id: VehicleId,
-    /// Latitude of its start, degrees
-    #[arg(long = "lat", default_value_t = 28.0, allow_negative_numbers = true)]
-    pub lat_deg: f64,
-    /// Longitude of its start, degrees
-    #[arg(long = "lon", default_value_t = -82.0, allow_negative_numbers = true)]
-    pub lon_deg: f64,
-    /// Height of the ground, metres above sea level
-    #[arg(long = "alt", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub alt_m: f64,
-    /// Heading at its start, degrees clockwise from true north
-    #[arg(long = "heading", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub heading_deg: f64,
-    /// The X-Plane to behave like
-    #[arg(long, value_enum, default_value = "12")]
-    pub version: Version,
-    /// Frames a second: 50, or a divisor of it
-    #[arg(long, default_value_t = 50)]
-    pub rate: u32,
-    /// Whether to announce itself by multicast on this computer
-    #[arg(long, default_value_t = true, action = clap::ArgAction::Set)]
-    pub beacon: bool,
-    /// Send values from one port and positions from another, because X-Plane does not document its sending port
-    #[arg(long)]
-    pub split_ports: bool,
-    /// End when standard input is closed and there has been no subscriber for five seconds
-    #[arg(long, hide = true)]
-    pub until_unused: bool,
-    /// Seed of the gusts
-    #[arg(long, default_value_t = 1, hide = true)]
-    pub seed: u64,
-    /// Mean wind speed, m/s
-    #[arg(long, default_value_t = 0.0, hide = true)]
-    pub wind_m_s: f64,
-    /// Where the mean wind comes from, degrees clockwise from true north
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, hide = true)]
-    pub wind_from_deg: f64,
-    /// Wind speed 20 ft above the ground that sets the strength of the gusts, m/s
-    #[arg(long, default_value_t = 0.0, hide = true)]
-    pub gust_w20_m_s: f64,
-    /// An aircraft file, for its `[helicopter]` table
-    #[arg(long, hide = true)]
-    pub aircraft: Option<PathBuf>,
-}
-
-/// Why a stand-in cannot run.
-#[derive(Debug, thiserror::Error)]
-pub enum StandinError {
-    /// The port is in use, most often by a simulator.
-    #[error("cannot listen on UDP {address}: {source}; another program may have this port: choose another with --port")]
-    Bind {
-        /// Address to listen on.
-        address: SocketAddr,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// An option is outside its range.
-    #[error("--{option} {value}: must be {rule}")]
-    Option {
-        /// Name of the option.
-        option: &'static str,
-        /// Value given.
-        value: String,
-        /// Permitted values.
-        rule: &'static str,
-    },
-    /// The aircraft file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// The aircraft file has no valid `[helicopter]` table.
-    #[error("the aircraft file has no usable [helicopter] table: {0}")]
-    Aircraft(toml::de::Error),
-    /// A parameter of the aircraft is outside its range.
-    #[error("the aircraft file: {0}")]
-    Parameters(ParameterError),
-}
 
 /// Runs a stand-in until `stop` becomes true, or until it is unused if the options say so.
 ///
@@ -152,6 +64,15 @@ impl Split {
     }
 }
 
+/// A time without frames, s.
+#[derive(Clone, Copy)]
+enum Absence {
+    /// It hangs: datagrams wait in the queue.
+    Frozen(f64),
+    /// It has ended: datagrams are lost, and it starts anew afterwards.
+    Gone(f64),
+}
+
 /// A stand-in that is ready to run.
 pub struct Standin {
     options: StandinOptions,
@@ -159,9 +80,11 @@ pub struct Standin {
     weather: Weather,
     /// Place and heading, rad, to which a reset returns.
     start: (Geodetic, f64),
-    ticks_per_frame: u32,
-    vehicle: BuiltInVehicle,
+    aircraft: Aircraft,
     server: Server,
+    random: ChaCha8Rng,
+    /// What it does instead of frames, if anything.
+    absence: Option<Absence>,
     port: Port,
     /// Sending ports of positions and values, if not `port`.
     split: Option<Split>,
@@ -176,7 +99,7 @@ impl Standin {
     /// # Errors
     /// If an option is outside its range, the aircraft file is not valid, or the port is in use.
     pub fn open(options: &StandinOptions) -> Result<Self, StandinError> {
-        let ticks_per_frame = ticks_per_frame(options.rate)?;
+        check_frames(options)?;
         let weather = weather(options)?;
         let parameters = parameters(options)?;
         let start = start(options)?;
@@ -187,13 +110,14 @@ impl Standin {
         let bind = |source| StandinError::Bind { address: wanted, source };
         let port = UdpSocket::bind(wanted).and_then(Port::new).map_err(bind)?;
         Ok(Self {
-            vehicle: vehicle(options, &parameters, &weather, start),
+            aircraft: Aircraft::new(vehicle(options, &parameters, &weather, start)),
+            server: server(options, &weather),
+            random: generator(options.seed, Some(options.id), Purpose::Simulator),
+            absence: None,
             options: options.clone(),
             parameters,
             weather,
             start,
-            ticks_per_frame,
-            server: Server::new(options.version, options.rate),
             split: options.split_ports.then(|| Split::open(listen)).transpose().map_err(bind)?,
             address: (Ipv4Addr::LOCALHOST, port.local_addr().map_err(bind)?.port()).into(),
             port,
@@ -210,13 +134,12 @@ impl Standin {
     /// Runs until `stop` becomes true, or until it is unused if the options ask for that.
     pub fn run(&mut self, stop: &AtomicBool) {
         tracing::info!(address = %self.address, id = %self.options.id, "the stand-in for X-Plane is running");
-        let period = Duration::from_secs_f64(f64::from(self.ticks_per_frame) * TICK_S);
         let launcher_gone = self.options.until_unused.then(watch_stdin);
         let mut last_used = now();
-        let mut deadline = now() + period;
+        let mut deadline = now();
         while !stop.load(Relaxed) {
             sleep_until(deadline);
-            self.frame();
+            let period = Duration::from_secs_f64(self.frame());
             let now = now();
             deadline = next_deadline(deadline, period, now);
             let is_needed = launcher_gone.as_ref().is_none_or(|gone| !gone.load(Relaxed)) || self.server.is_used();
@@ -229,17 +152,49 @@ impl Standin {
         }
     }
 
-    fn frame(&mut self) {
-        self.announce();
-        self.receive();
-        let controls = self.server.take_controls();
-        let ticks = if self.server.is_paused() { 0 } else { self.ticks_per_frame };
-        for _ in 0..ticks {
-            self.vehicle.advance(controls);
+    /// Runs a frame and returns its length, s.
+    fn frame(&mut self) -> f64 {
+        let deviation = self.options.jitter * (2.0 * uniform(&mut self.random) - 1.0);
+        let frame_s = (1.0 + deviation) / f64::from(self.options.rate);
+        if !self.is_absent(frame_s) {
+            self.announce();
+            self.receive();
+            self.simulate(frame_s);
         }
+        frame_s
+    }
+
+    /// Whether this frame does not take place; ends an absence that is over.
+    fn is_absent(&mut self, frame_s: f64) -> bool {
+        match &mut self.absence {
+            None => return false,
+            Some(Absence::Frozen(left_s)) if *left_s > frame_s => *left_s -= frame_s,
+            Some(Absence::Frozen(_)) => self.absence = None,
+            Some(Absence::Gone(left_s)) => {
+                *left_s -= frame_s;
+                if *left_s <= 0.0 {
+                    self.absence = None;
+                }
+                while let Received::Datagram(..) | Received::Fault = self.port.receive(None) {}
+            }
+        }
+        true
+    }
+
+    fn simulate(&mut self, frame_s: f64) {
+        let controls = self.server.take_controls();
+        let simulated_s = self.server.simulated_s(frame_s);
+        if simulated_s > 0.0 && !self.server.has_crashed() {
+            self.aircraft.advance(controls, simulated_s);
+        }
+        let shown = if self.server.is_in_replay() { self.aircraft.replay() } else { self.aircraft.frame() };
+        let drop_share = self.server.drop_share();
         let mut gone = None;
-        let Self { server, port, split, vehicle, .. } = self;
-        server.publish(&vehicle.frame(), |to, datagram| {
+        let Self { server, port, split, random, .. } = self;
+        server.publish(&shown, frame_s, |to, datagram| {
+            if drop_share > 0.0 && uniform(random) < drop_share {
+                return;
+            }
             let port = split.as_mut().map_or(&mut *port, |split| split.port_of(datagram));
             if port.send(datagram, to).is_err_and(|error| is_receiver_down(&error)) {
                 gone = Some(to);
@@ -265,9 +220,17 @@ impl Standin {
             match self.port.receive(None) {
                 // Like its beacon, the stand-in is for this computer only.
                 Received::Datagram(_, from) if !is_this_host(from.ip()) => {}
+                Received::Datagram(..) if self.is_lost() => {}
                 Received::Datagram(size, from) => match self.server.handle(self.port.datagram(size), from) {
                     Some(Order::Place(placement)) => self.place(&placement),
                     Some(Order::Reset) => self.reset(),
+                    Some(Order::Freeze(seconds)) => self.absence = Some(Absence::Frozen(seconds.into())),
+                    Some(Order::Restart(seconds)) => {
+                        self.server = server(&self.options, &self.weather);
+                        self.reset();
+                        self.absence = Some(Absence::Gone(seconds.into()));
+                        return;
+                    }
                     None => {}
                 },
                 // A subscriber has gone, but the error does not say which; the table's bound covers it.
@@ -277,14 +240,20 @@ impl Standin {
         }
     }
 
+    fn is_lost(&mut self) -> bool {
+        let share = self.server.drop_share();
+        share > 0.0 && uniform(&mut self.random) < share
+    }
+
     fn reset(&mut self) {
-        self.vehicle = vehicle(&self.options, &self.parameters, &self.weather, self.start);
+        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, self.start));
     }
 
     fn place(&mut self, placement: &Placement) {
         let Placement { latitude_deg, longitude_deg, heading_deg, .. } = *placement;
         let place = Geodetic::from_degrees(latitude_deg, longitude_deg, self.options.alt_m);
-        self.vehicle = vehicle(&self.options, &self.parameters, &self.weather, (place, heading_deg.to_radians()));
+        let start = (place, heading_deg.to_radians());
+        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, start));
     }
 }
 
@@ -299,72 +268,14 @@ fn vehicle(
     BuiltInVehicle::new(&Origin::new(place), parameters, &start, weather, options.seed, options.id)
 }
 
-fn refuse(option: &'static str, value: impl ToString, rule: &'static str) -> StandinError {
-    StandinError::Option { option, value: value.to_string(), rule }
-}
-
-fn ticks_per_frame(rate_hz: u32) -> Result<u32, StandinError> {
-    let ticks_a_second = (1.0 / TICK_S).round() as u32;
-    match ticks_a_second.checked_rem(rate_hz) {
-        Some(0) => Ok(ticks_a_second / rate_hz),
-        _ => Err(refuse("rate", rate_hz, "50, 25, 10, 5, 2 or 1, because the model's tick is 20 ms")),
-    }
-}
-
-fn udp_port(options: &StandinOptions) -> Result<u16, StandinError> {
-    if options.port == 0 {
-        return Ok(0);
-    }
-    let offset = PORT_STEP * u16::from(options.id.get() - 1);
-    options
-        .port
-        .checked_add(offset)
-        .ok_or_else(|| refuse("port", options.port, "small enough for PORT + 10·(id − 1) to be a port"))
-}
-
-fn start(options: &StandinOptions) -> Result<(Geodetic, f64), StandinError> {
-    let place = Geodetic::from_degrees(options.lat_deg, options.lon_deg, options.alt_m);
-    for (option, value, limit) in
-        [("lat", options.lat_deg, 90.0), ("lon", options.lon_deg, 180.0), ("heading", options.heading_deg, 360.0)]
-    {
-        if !(-limit..=limit).contains(&value) {
-            return Err(refuse(option, value, "within a circle, in degrees"));
-        }
-    }
-    if !place.is_plausible() {
-        return Err(refuse("alt", options.alt_m, "a height of the ground in metres"));
-    }
-    Ok((place, options.heading_deg.to_radians()))
-}
-
-fn weather(options: &StandinOptions) -> Result<Weather, StandinError> {
-    for (option, value) in [("wind-m-s", options.wind_m_s), ("gust-w20-m-s", options.gust_w20_m_s)] {
-        if !(0.0..=100.0).contains(&value) {
-            return Err(refuse(option, value, "0 to 100"));
-        }
-    }
-    if !(-360.0..=360.0).contains(&options.wind_from_deg) {
-        return Err(refuse("wind-from-deg", options.wind_from_deg, "within a circle, in degrees"));
-    }
-    Ok(Weather {
-        wind_m_s: options.wind_m_s,
-        wind_from_rad: options.wind_from_deg.to_radians(),
-        gust_w20_m_s: options.gust_w20_m_s,
-    })
-}
-
-fn parameters(options: &StandinOptions) -> Result<Parameters, StandinError> {
-    #[derive(Deserialize)]
-    struct Aircraft {
-        helicopter: Parameters,
-    }
-    let text = match &options.aircraft {
-        Some(path) => &fs::read_to_string(path).map_err(|source| StandinError::Read { path: path.clone(), source })?,
-        None => XCELL60,
-    };
-    let Aircraft { helicopter } = toml::from_str(text).map_err(StandinError::Aircraft)?;
-    helicopter.check().map_err(StandinError::Parameters)?;
-    Ok(helicopter)
+/// A simulator that has just started.
+fn server(options: &StandinOptions, weather: &Weather) -> Server {
+    let to_rad = weather.wind_from_rad + PI;
+    let wind_m_s = [weather.wind_m_s * math::sin(to_rad), 0.0, -weather.wind_m_s * math::cos(to_rad)];
+    let surroundings = Surroundings { acf: options.acf.as_str().into(), wind_m_s };
+    let mut server = Server::new(options.version, options.rate, surroundings);
+    server.set_drop_share(options.drop);
+    server
 }
 
 /// The next deadline on a fixed grid, so that small delays do not add up; a loop that is far behind starts a new grid.

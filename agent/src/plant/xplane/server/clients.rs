@@ -6,6 +6,8 @@ use super::datarefs::Handle;
 
 /// Largest number of clients.
 pub(super) const MAX_CLIENTS: usize = 64;
+/// Largest number of clients at one IP address: one computer must not take all places.
+pub(super) const MAX_CLIENTS_OF_ONE_HOST: usize = 48;
 /// Largest number of values that one client subscribes to.
 pub(super) const MAX_SUBSCRIPTIONS: usize = 1000;
 
@@ -129,9 +131,14 @@ impl Clients {
         if let Some(at) = self.all.iter().position(|client| client.address == address) {
             return self.all.get_mut(at);
         }
-        if self.all.len() >= MAX_CLIENTS {
-            let silent = self.all.iter().enumerate().min_by_key(|(_, client)| client.last_received);
-            let (at, _) = silent.filter(|(_, client)| client.last_received + self.silence < frame)?;
+        let is_same_host = |client: &Client| client.address.ip() == address.ip();
+        let is_host_full = self.all.iter().filter(|client| is_same_host(client)).count() >= MAX_CLIENTS_OF_ONE_HOST;
+        if is_host_full || self.all.len() >= MAX_CLIENTS {
+            // A computer that has all of its places can replace only clients of its own.
+            let replaceable = self.all.iter().enumerate().filter(|(_, client)| !is_host_full || is_same_host(client));
+            let (at, _) = replaceable
+                .min_by_key(|(_, client)| client.last_received)
+                .filter(|(_, client)| client.last_received + self.silence < frame)?;
             self.all.swap_remove(at);
         }
         self.all.push(Client { address, position: None, values: Vec::new(), last_received: frame });

@@ -1,33 +1,72 @@
 //! The stand-in's datarefs: their names, their values, and which can be written.
 
+use std::sync::Arc;
+
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
 use crate::plant::xplane::wire::rpos::Position;
+use skein_common::frame::{Geodetic, Origin};
 use skein_common::math;
 use skein_core::aircraft::name_and_element;
 use skein_core::plant::Frame;
 
 /// Number of elements of a per-engine array since X-Plane 12; X-Plane 11 has eight.
 const ENGINES: usize = 16;
+/// Length of a text, whose bytes are read one by one.
+const TEXT: usize = 512;
 
 /// State of the simulation from which values are computed.
 pub(super) struct Situation {
     pub(super) position: Position,
     pub(super) rotor_speed_rad_s: f64,
+    /// Place in the local frame, m: east, up, south of the reference at sea level.
+    pub(super) local_m: [f64; 3],
+    pub(super) reference: Geodetic,
     pub(super) running_s: f64,
     pub(super) flight_s: f64,
     pub(super) frame_period_s: f64,
+    /// Simulated seconds per real second.
+    pub(super) speed: f64,
     pub(super) version: i32,
     pub(super) is_paused: bool,
+    pub(super) surroundings: Surroundings,
+}
+
+/// What a simulation does not change: the aircraft's file and the mean wind.
+#[derive(Clone, Debug)]
+pub struct Surroundings {
+    /// Path of the aircraft's file, relative to X-Plane's folder.
+    pub acf: Arc<str>,
+    /// Mean wind velocity towards east, up and south, m/s.
+    pub wind_m_s: [f64; 3],
+}
+
+impl Default for Surroundings {
+    fn default() -> Self {
+        Self { acf: DEFAULT_ACF.into(), wind_m_s: [0.0; 3] }
+    }
+}
+
+/// The aircraft file that a stand-in pretends to have loaded.
+pub const DEFAULT_ACF: &str = "Aircraft/Skein/xcell60/xcell60.acf";
+
+/// The point at sea level below the place, where X-Plane's local frame has its origin.
+pub(super) fn reference_below(place: &Geodetic) -> Origin {
+    Origin::new(Geodetic { altitude_m: 0.0, ..*place })
 }
 
 impl Situation {
-    pub(super) fn new(frame: &Frame, running_s: f64, frame_period_s: f64, version: i32) -> Self {
+    pub(super) fn new(frame: &Frame, reference: &Origin, surroundings: &Surroundings, version: i32) -> Self {
+        let local = reference.ned_from_geodetic(&frame.measurement.position);
         Self {
+            local_m: [local.east_m(), -local.down_m(), -local.north_m()],
+            reference: reference.geodetic(),
+            surroundings: surroundings.clone(),
             position: convert::position(&frame.measurement),
             rotor_speed_rad_s: frame.measurement.rotor_speed_rad_s.unwrap_or(0.0),
-            running_s,
             flight_s: frame.time.seconds(),
-            frame_period_s,
+            running_s: 0.0,
+            frame_period_s: 0.0,
+            speed: 1.0,
             version,
             is_paused: false,
         }
@@ -48,21 +87,37 @@ pub(super) enum Setting {
     Throttle,
     Governor,
     DataRate,
+    RandomFailures,
+    Speed,
+    DropShare,
+    Freeze,
+    Restart,
+    Replay,
+    Crash,
+    MoveOrigin,
 }
 
 impl Setting {
-    const COUNT: usize = Self::DataRate as usize + 1;
+    const COUNT: usize = Self::MoveOrigin as usize + 1;
 
     /// The number that X-Plane stores when this one is written.
     fn stored_value(self, value: f32) -> f32 {
         match self {
             // These are integers, so the fraction is cut off.
-            Self::OverrideJoystick | Self::OverrideRoll | Self::OverridePitch | Self::OverrideYaw | Self::Governor => {
-                value.trunc()
-            }
+            Self::OverrideJoystick
+            | Self::OverrideRoll
+            | Self::OverridePitch
+            | Self::OverrideYaw
+            | Self::Governor
+            | Self::RandomFailures => value.trunc(),
             Self::Roll | Self::Pitch | Self::Yaw => value.clamp(-1.0, 1.0),
             Self::Collective | Self::Throttle => value.clamp(0.0, 1.0),
             Self::DataRate => value.trunc().clamp(1.0, 99.0),
+            Self::Speed => value.clamp(0.05, 16.0),
+            // An order to lose no more datagrams must arrive.
+            Self::DropShare => value.clamp(0.0, 0.95),
+            Self::Freeze | Self::Restart => value.clamp(0.0, 60.0),
+            Self::Replay | Self::Crash | Self::MoveOrigin => f32::from(value != 0.0),
         }
     }
 }
@@ -78,6 +133,7 @@ impl Settings {
         settings.0[Setting::Throttle as usize] = [1.0; ENGINES];
         settings.0[Setting::Governor as usize] = [1.0; ENGINES];
         settings.0[Setting::DataRate as usize] = [20.0; ENGINES];
+        settings.0[Setting::Speed as usize] = [1.0; ENGINES];
         settings
     }
 
@@ -99,31 +155,46 @@ impl Settings {
 enum Source {
     /// Computed and read-only. An array has the value in its first element and zeros in the others.
     Computed(fn(&Situation) -> f64),
+    /// A text, read byte by byte.
+    Text(fn(&Situation) -> &str),
     /// Writable, each element by itself.
     Kept(Setting),
     /// Writable, one value for all elements.
     All(Setting),
+    /// A setting that this dataref only shows.
+    Read(Setting),
+}
+
+#[derive(Clone, Copy)]
+enum Length {
+    One,
+    Engines,
+    Text,
 }
 
 struct Dataref {
     path: &'static str,
-    is_per_engine: bool,
+    length: Length,
     source: Source,
 }
 
 const fn scalar(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, is_per_engine: false, source }
+    Dataref { path, length: Length::One, source }
 }
 
 const fn per_engine(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, is_per_engine: true, source }
+    Dataref { path, length: Length::Engines, source }
+}
+
+const fn text(path: &'static str, read: fn(&Situation) -> &str) -> Dataref {
+    Dataref { path, length: Length::Text, source: Source::Text(read) }
 }
 
 /// All datarefs; searched only when a client subscribes or writes.
 #[rustfmt::skip]
 static DATAREFS: &[Dataref] = &{
     use Setting::*;
-    use Source::{All, Computed, Kept};
+    use Source::{All, Computed, Kept, Read};
     [
         // Position and motion.
         scalar("sim/flightmodel/position/latitude", Computed(|s| s.position.latitude_deg)),
@@ -146,18 +217,41 @@ static DATAREFS: &[Dataref] = &{
         scalar("sim/flightmodel/position/Prad", Computed(|s| s.position.roll_rate_rad_s.into())),
         scalar("sim/flightmodel/position/Qrad", Computed(|s| s.position.pitch_rate_rad_s.into())),
         scalar("sim/flightmodel/position/Rrad", Computed(|s| s.position.yaw_rate_rad_s.into())),
+        scalar("sim/flightmodel/position/local_x", Computed(|s| s.local_m[0])),
+        scalar("sim/flightmodel/position/local_y", Computed(|s| s.local_m[1])),
+        scalar("sim/flightmodel/position/local_z", Computed(|s| s.local_m[2])),
+        scalar("sim/flightmodel/position/lat_ref", Computed(|s| s.reference.latitude_deg())),
+        scalar("sim/flightmodel/position/lon_ref", Computed(|s| s.reference.longitude_deg())),
+        // Aircraft and surroundings. The wind is the mean one, without gusts.
+        text("sim/aircraft/view/acf_relative_path", |s| &s.surroundings.acf),
+        scalar("sim/weather/aircraft/wind_now_x_msc", Computed(|s| s.surroundings.wind_m_s[0])),
+        scalar("sim/weather/aircraft/wind_now_y_msc", Computed(|s| s.surroundings.wind_m_s[1])),
+        scalar("sim/weather/aircraft/wind_now_z_msc", Computed(|s| s.surroundings.wind_m_s[2])),
         // Rotor.
         per_engine("sim/cockpit2/engine/indicators/prop_speed_rpm", Computed(|s| rpm_from_rad_s(s.rotor_speed_rad_s))),
         per_engine("sim/flightmodel/engine/POINT_tacrad", Computed(|s| s.rotor_speed_rad_s)),
         per_engine("sim/flightmodel/engine/ENGN_running", Computed(|_| 1.0)),
-        // Time and version. The stand-in has no replay.
+        // Time and version.
         scalar("sim/time/total_running_time_sec", Computed(|s| s.running_s)),
         scalar("sim/time/total_flight_time_sec", Computed(|s| s.flight_s)),
         scalar("sim/time/paused", Computed(|s| s.is_paused.into())),
-        scalar("sim/time/is_in_replay", Computed(|_| 0.0)),
-        scalar("sim/time/sim_speed_actual", Computed(|s| f64::from(!s.is_paused))),
+        scalar("sim/time/is_in_replay", Read(Replay)),
+        scalar("sim/time/sim_speed", Computed(|s| f64::from(!s.is_paused))),
+        scalar("sim/time/sim_speed_actual", Computed(|s| s.speed)),
+        scalar("sim/flightmodel2/misc/has_crashed", Read(Crash)),
         scalar("sim/operation/misc/frame_rate_period", Computed(|s| s.frame_period_s)),
         scalar("sim/version/xplane_internal_version", Computed(|s| s.version.into())),
+        // No failure happens here at random, whatever is written. X-Plane 11 and 12 spell it differently.
+        scalar("sim/operation/failures/enable_random_falures", Kept(RandomFailures)),
+        scalar("sim/operation/failures/enable_random_failures", Kept(RandomFailures)),
+        // Faults on order, which no X-Plane has.
+        scalar("skein/standin/speed", Kept(Speed)),
+        scalar("skein/standin/drop_share", Kept(DropShare)),
+        scalar("skein/standin/freeze_s", Kept(Freeze)),
+        scalar("skein/standin/restart_s", Kept(Restart)),
+        scalar("skein/standin/replay", Kept(Replay)),
+        scalar("skein/standin/crash", Kept(Crash)),
+        scalar("skein/standin/move_origin", Kept(MoveOrigin)),
         // Rows a second.
         scalar("sim/network/dataout/network_data_rate", Kept(DataRate)),
         // Controls.
@@ -193,7 +287,11 @@ impl Handle {
     pub(super) fn find(path: &str, engines: usize) -> Option<Self> {
         let (name, element) = name_and_element(path)?;
         let dataref = DATAREFS.iter().find(|dataref| dataref.path == name)?;
-        let elements = if dataref.is_per_engine { engines.min(ENGINES) } else { 1 };
+        let elements = match dataref.length {
+            Length::One => 1,
+            Length::Engines => engines.min(ENGINES),
+            Length::Text => TEXT,
+        };
         (element < elements).then_some(Self { dataref, element })
     }
 
@@ -203,14 +301,15 @@ impl Handle {
             Source::Computed(value) if self.element == 0 => value(situation) as f32,
             Source::Computed(_) => 0.0,
             Source::Kept(setting) => settings.0[setting as usize][self.element],
-            Source::All(setting) => settings.first(setting),
+            Source::Text(text) => text(situation).as_bytes().get(self.element).map_or(0.0, |&byte| byte.into()),
+            Source::All(setting) | Source::Read(setting) => settings.first(setting),
         }
     }
 
     /// Writes a value and returns the setting that has changed; `None` for a read-only dataref.
     pub(super) fn write(&self, value: f32, settings: &mut Settings) -> Option<Setting> {
         let setting = match self.dataref.source {
-            Source::Computed(_) => return None,
+            Source::Computed(_) | Source::Text(_) | Source::Read(_) => return None,
             Source::Kept(setting) => {
                 settings.store(setting, self.element, value);
                 setting

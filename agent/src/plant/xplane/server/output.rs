@@ -77,7 +77,7 @@ fn read(index: i32, s: &Situation, settings: &Settings, version: Version) -> Opt
     let numbers: &[(usize, f64)] = match index {
         0 => {
             let rate_hz = 1.0 / s.frame_period_s;
-            &[(0, rate_hz), (1, rate_hz), (3, s.frame_period_s), (6, 1.0), (7, f64::from(!s.is_paused))]
+            &[(0, rate_hz), (1, rate_hz), (3, s.frame_period_s), (6, 1.0), (7, s.speed)]
         }
         1 => &[(0, s.running_s), (1, s.running_s), (2, s.flight_s)],
         3 => &[(3, knots)],

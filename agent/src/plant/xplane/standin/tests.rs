@@ -3,10 +3,13 @@ use std::thread;
 use clap::Parser;
 
 use super::*;
+use crate::plant::xplane::server::Version;
 use crate::plant::xplane::wire::dref::Write;
 use crate::plant::xplane::wire::operation::Command;
 use crate::plant::xplane::wire::rpos::{self, Position};
 use crate::plant::xplane::wire::{MAX_DATAGRAM, rref};
+
+mod faults;
 
 #[derive(Parser)]
 #[command(args_override_self = true)]
@@ -120,16 +123,20 @@ fn a_placement_puts_the_helicopter_on_the_ground_elsewhere() {
 }
 
 #[test]
-fn a_lower_frame_rate_has_more_ticks_per_frame() {
+fn a_frame_simulates_its_length_but_no_more_than_x_plane_does() {
     let running_s = |arguments: &[&str]| {
         let mut bench = Bench::new(arguments);
         for _ in 0..10 {
             bench.standin.frame();
         }
-        bench.standin.vehicle.frame().time.seconds()
+        bench.standin.aircraft.frame().time.seconds()
     };
     assert!((running_s(&[]) - 0.2).abs() < 1e-9);
-    assert!((running_s(&["--rate", "10"]) - 1.0).abs() < 1e-9);
+    for (rate, expected_s) in [("20", 0.5), ("30", 1.0 / 3.0), ("100", 0.1), ("15", 10.0 / 19.0), ("1", 10.0 / 19.0)] {
+        assert!((running_s(&["--rate", rate]) - expected_s).abs() < 1e-9, "{rate}");
+    }
+    let irregular_s = running_s(&["--rate", "20", "--jitter", "0.5"]);
+    assert!((irregular_s - 0.5).abs() > 1e-3 && (0.3..0.7).contains(&irregular_s), "{irregular_s}");
 }
 
 #[test]
@@ -151,9 +158,11 @@ fn defaults_are_a_field_in_florida_and_the_port_of_x_plane() {
 #[test]
 fn options_out_of_range_are_refused_by_name() {
     for (arguments, named) in [
-        (["--rate", "100"], "--rate 100"),
+        (["--rate", "201"], "--rate 201"),
         (["--rate", "0"], "--rate 0"),
-        (["--rate", "30"], "--rate 30"),
+        (["--jitter", "1"], "--jitter 1"),
+        (["--drop", "NaN"], "--drop NaN"),
+        (["--acf", "ü"], "--acf ü"),
         (["--lat", "91"], "--lat 91"),
         (["--lon", "NaN"], "--lon NaN"),
         (["--alt", "inf"], "--alt inf"),

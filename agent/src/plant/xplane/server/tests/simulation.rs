@@ -95,7 +95,7 @@ fn selected_rows_go_to_the_one_receiver_at_its_rate() {
 
 #[test]
 fn rates_of_rotation_have_the_order_and_unit_of_the_version() {
-    let mut bench = Bench { server: Server::new(Version::V11, RATE_HZ), sent: Vec::new() };
+    let mut bench = Bench { server: Server::new(Version::V11, RATE_HZ, Surroundings::default()), sent: Vec::new() };
     bench.send(client(1), |out| Selection { output: Output::Send, rows: vec![16] }.encode(out));
     bench.send(client(1), |out| destination([127, 0, 0, 1], 49_005, true).encode(out));
     bench.frames(50);
@@ -121,7 +121,7 @@ fn rows_set_the_controls_and_leave_out_what_has_no_value() {
 #[test]
 fn the_radar_has_one_client_and_the_layout_of_the_version() {
     for version in [Version::V11, Version::V12] {
-        let mut bench = Bench { server: Server::new(version, RATE_HZ), sent: Vec::new() };
+        let mut bench = Bench { server: Server::new(version, RATE_HZ, Surroundings::default()), sent: Vec::new() };
         let ask = |bench: &mut Bench, port, rate_hz| {
             bench.send(client(port), |out| RadarRequest { rate_hz }.encode(out));
         };

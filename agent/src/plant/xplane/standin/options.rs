@@ -1,0 +1,193 @@
+//! Options of a stand-in and their checks.
+
+use std::fs;
+use std::io;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use serde::Deserialize;
+use skein_common::frame::Geodetic;
+use skein_common::id::VehicleId;
+use skein_core::helicopter::{ParameterError, Parameters, Weather};
+
+use crate::plant::xplane::server::{DEFAULT_ACF, Version};
+use crate::plant::xplane::wire;
+
+/// Distance between the ports of neighbouring vehicles on one computer.
+const PORT_STEP: u16 = 10;
+/// The default aircraft file.
+const XCELL60: &str = include_str!("../../../../../deploy/aircraft/xcell60.toml");
+
+/// Command-line options of a stand-in.
+#[derive(Clone, Debug, PartialEq, clap::Args)]
+pub struct StandinOptions {
+    /// UDP port of vehicle 1; vehicle i listens on PORT + 10·(i − 1). With 0 the system chooses
+    #[arg(long, default_value_t = wire::PORT)]
+    pub port: u16,
+    /// The vehicle's number, 1 to 250
+    #[arg(long, default_value = "1")]
+    pub id: VehicleId,
+    /// Latitude of its start, degrees
+    #[arg(long = "lat", default_value_t = 28.0, allow_negative_numbers = true)]
+    pub lat_deg: f64,
+    /// Longitude of its start, degrees
+    #[arg(long = "lon", default_value_t = -82.0, allow_negative_numbers = true)]
+    pub lon_deg: f64,
+    /// Height of the ground, metres above sea level
+    #[arg(long = "alt", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub alt_m: f64,
+    /// Heading at its start, degrees clockwise from true north
+    #[arg(long = "heading", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub heading_deg: f64,
+    /// The X-Plane to behave like
+    #[arg(long, value_enum, default_value = "12")]
+    pub version: Version,
+    /// Frames a second, 1 to 200; below 19 simulated time is slower than real time, as in X-Plane
+    #[arg(long, default_value_t = 50)]
+    pub rate: u32,
+    /// Largest deviation of a frame's length from its mean, as a share of it, 0 to 0.9
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub jitter: f64,
+    /// Share of datagrams, of both directions, that are lost, 0 to 0.95
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub drop: f64,
+    /// The aircraft file that clients read as loaded
+    #[arg(long, value_name = "PATH", default_value = DEFAULT_ACF)]
+    pub acf: String,
+    /// Whether to announce itself by multicast on this computer
+    #[arg(long, default_value_t = true, action = clap::ArgAction::Set)]
+    pub beacon: bool,
+    /// Send values from one port and positions from another, because X-Plane does not document its sending port
+    #[arg(long)]
+    pub split_ports: bool,
+    /// End when standard input is closed and there has been no subscriber for five seconds
+    #[arg(long, hide = true)]
+    pub until_unused: bool,
+    /// Seed of the gusts
+    #[arg(long, default_value_t = 1, hide = true)]
+    pub seed: u64,
+    /// Mean wind speed, m/s
+    #[arg(long, default_value_t = 0.0, hide = true)]
+    pub wind_m_s: f64,
+    /// Where the mean wind comes from, degrees clockwise from true north
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, hide = true)]
+    pub wind_from_deg: f64,
+    /// Wind speed 20 ft above the ground that sets the strength of the gusts, m/s
+    #[arg(long, default_value_t = 0.0, hide = true)]
+    pub gust_w20_m_s: f64,
+    /// An aircraft file, for its `[helicopter]` table
+    #[arg(long, hide = true)]
+    pub aircraft: Option<PathBuf>,
+}
+
+/// Why a stand-in cannot run.
+#[derive(Debug, thiserror::Error)]
+pub enum StandinError {
+    /// The port is in use, most often by a simulator.
+    #[error("cannot listen on UDP {address}: {source}; another program may have this port: choose another with --port")]
+    Bind {
+        /// Address to listen on.
+        address: SocketAddr,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// An option is outside its range.
+    #[error("--{option} {value}: must be {rule}")]
+    Option {
+        /// Name of the option.
+        option: &'static str,
+        /// Value given.
+        value: String,
+        /// Permitted values.
+        rule: &'static str,
+    },
+    /// The aircraft file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// The aircraft file has no valid `[helicopter]` table.
+    #[error("the aircraft file has no usable [helicopter] table: {0}")]
+    Aircraft(toml::de::Error),
+    /// A parameter of the aircraft is outside its range.
+    #[error("the aircraft file: {0}")]
+    Parameters(ParameterError),
+}
+
+fn refuse(option: &'static str, value: impl ToString, rule: &'static str) -> StandinError {
+    StandinError::Option { option, value: value.to_string(), rule }
+}
+
+pub(super) fn check_frames(options: &StandinOptions) -> Result<(), StandinError> {
+    if !(1..=200).contains(&options.rate) {
+        return Err(refuse("rate", options.rate, "1 to 200"));
+    }
+    for (option, value, largest) in [("jitter", options.jitter, 0.9), ("drop", options.drop, 0.95)] {
+        if !(0.0..=largest).contains(&value) {
+            return Err(refuse(option, value, "a share: 0 to 0.9 of jitter, 0 to 0.95 of lost datagrams"));
+        }
+    }
+    if !options.acf.is_ascii() || options.acf.len() > 511 {
+        return Err(refuse("acf", &options.acf, "at most 511 ASCII characters"));
+    }
+    Ok(())
+}
+
+pub(super) fn udp_port(options: &StandinOptions) -> Result<u16, StandinError> {
+    if options.port == 0 {
+        return Ok(0);
+    }
+    let offset = PORT_STEP * u16::from(options.id.get() - 1);
+    options
+        .port
+        .checked_add(offset)
+        .ok_or_else(|| refuse("port", options.port, "small enough for PORT + 10·(id − 1) to be a port"))
+}
+
+pub(super) fn start(options: &StandinOptions) -> Result<(Geodetic, f64), StandinError> {
+    let place = Geodetic::from_degrees(options.lat_deg, options.lon_deg, options.alt_m);
+    for (option, value, limit) in
+        [("lat", options.lat_deg, 90.0), ("lon", options.lon_deg, 180.0), ("heading", options.heading_deg, 360.0)]
+    {
+        if !(-limit..=limit).contains(&value) {
+            return Err(refuse(option, value, "within a circle, in degrees"));
+        }
+    }
+    if !place.is_plausible() {
+        return Err(refuse("alt", options.alt_m, "a height of the ground in metres"));
+    }
+    Ok((place, options.heading_deg.to_radians()))
+}
+
+pub(super) fn weather(options: &StandinOptions) -> Result<Weather, StandinError> {
+    for (option, value) in [("wind-m-s", options.wind_m_s), ("gust-w20-m-s", options.gust_w20_m_s)] {
+        if !(0.0..=100.0).contains(&value) {
+            return Err(refuse(option, value, "0 to 100"));
+        }
+    }
+    if !(-360.0..=360.0).contains(&options.wind_from_deg) {
+        return Err(refuse("wind-from-deg", options.wind_from_deg, "within a circle, in degrees"));
+    }
+    Ok(Weather {
+        wind_m_s: options.wind_m_s,
+        wind_from_rad: options.wind_from_deg.to_radians(),
+        gust_w20_m_s: options.gust_w20_m_s,
+    })
+}
+
+pub(super) fn parameters(options: &StandinOptions) -> Result<Parameters, StandinError> {
+    #[derive(Deserialize)]
+    struct Aircraft {
+        helicopter: Parameters,
+    }
+    let text = match &options.aircraft {
+        Some(path) => &fs::read_to_string(path).map_err(|source| StandinError::Read { path: path.clone(), source })?,
+        None => XCELL60,
+    };
+    let Aircraft { helicopter } = toml::from_str(text).map_err(StandinError::Aircraft)?;
+    helicopter.check().map_err(StandinError::Parameters)?;
+    Ok(helicopter)
+}
