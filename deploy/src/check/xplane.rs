@@ -82,7 +82,7 @@ fn lines(place: &str, surveyor: &Surveyor, profile: &Profile, scenario: Option<&
         lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator().port(), heard)));
         lines.push(frames(place, &survey));
         lines.extend(states(place, &survey));
-        lines.push(aircraft(place, &survey));
+        lines.push(aircraft(place, &survey, profile));
         lines.extend(datarefs(place, &survey, profile));
         lines.push(rotor(place, &survey, profile));
         lines.push(overrides(place, surveyor, &survey, profile)?);
@@ -206,17 +206,20 @@ fn states(place: &str, survey: &Survey) -> Vec<Line> {
     lines
 }
 
-/// The file of the aircraft that is loaded.
-fn aircraft(place: &str, survey: &Survey) -> Line {
+/// The file of the aircraft that is loaded, and whether it is the one that the profile is for.
+fn aircraft(place: &str, survey: &Survey, profile: &Profile) -> Line {
     let letters = (0..PATH_CHARACTERS).map_while(|nth| survey.value(&path_element(nth)));
     let bytes: Vec<u8> = letters.map(|value| value as u8).take_while(|byte| *byte != 0).collect();
-    match bytes.is_empty() {
-        true => Line::new(place, "aircraft", "its file was not answered: look which aircraft is loaded").unknown(),
-        false => Line::new(
-            place,
-            "aircraft",
-            skein_common::printable::printable(&String::from_utf8_lossy(&bytes), PATH_CHARACTERS),
-        ),
+    if bytes.is_empty() {
+        return Line::new(place, "aircraft", "its file was not answered: look which aircraft is loaded").unknown();
+    }
+    let path = String::from_utf8_lossy(&bytes);
+    let line = Line::new(place, "aircraft", skein_common::printable::printable(&path, PATH_CHARACTERS));
+    match &profile.acf {
+        Some(acf) if !path.contains(acf.as_str()) => {
+            line.fault(format!("the aircraft's file is for {acf}: load that one, or name the file of this one"))
+        }
+        _ => line,
     }
 }
 

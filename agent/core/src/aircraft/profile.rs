@@ -71,6 +71,9 @@ pub struct Profile {
     pub hold: BTreeMap<Dataref, f32>,
     /// Main rotor speed in revolutions per minute.
     pub rotor_speed_rpm: Dataref,
+    /// A part of the path of the aircraft's file as X-Plane reports it in `acf_relative_path`, by which a check recognises
+    /// the aircraft; `None`: any aircraft.
+    pub acf: Option<String>,
 }
 
 impl Profile {
@@ -107,6 +110,7 @@ impl Default for Profile {
                 (dataref("sim/cockpit2/engine/actuators/throttle_ratio_all"), 1.0),
             ]),
             rotor_speed_rpm: dataref("sim/cockpit2/engine/indicators/prop_speed_rpm[0]"),
+            acf: None,
         }
     }
 }
@@ -147,7 +151,7 @@ mod tests {
 
     #[test]
     fn every_default_is_a_dataref() {
-        let Profile { overrides, roll, pitch, yaw, collective, hold, rotor_speed_rpm } = Profile::default();
+        let Profile { overrides, roll, pitch, yaw, collective, hold, rotor_speed_rpm, acf: _ } = Profile::default();
         let all =
             overrides.into_iter().chain([roll, pitch, yaw, rotor_speed_rpm]).chain(collective).chain(hold.into_keys());
         for dataref in all {

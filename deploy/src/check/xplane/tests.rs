@@ -59,7 +59,19 @@ fn an_x_plane_ready_for_an_agent_has_no_fault_and_a_missing_dataref_is_named() {
     let scenario = load(&Source { name: "far.toml", text }, &[]).unwrap().scenario;
     let mut profile = Profile::default();
     let found = lines("here", &running.surveyor(), &profile, Some(&scenario)).unwrap();
-    for what in ["answer", "version", "pause", "replay", "speed", "datarefs", "rotor", "overrides"] {
+    for what in [
+        "answer",
+        "version",
+        "pause",
+        "replay",
+        "crash",
+        "speed",
+        "random failures",
+        "aircraft",
+        "datarefs",
+        "rotor",
+        "overrides",
+    ] {
         assert_eq!(state(&found, what), State::Good, "{what}: {found:#?}");
     }
     assert_eq!(state(&found, "origin"), State::Warning);
@@ -68,9 +80,12 @@ fn an_x_plane_ready_for_an_agent_has_no_fault_and_a_missing_dataref_is_named() {
 
     let missing = skein_core::aircraft::Dataref::new("laminar/r22/rotor_collective_ratio").unwrap();
     profile.collective.push(missing);
+    profile.acf = Some("R22".to_owned());
     let found = lines("here", &running.surveyor(), &profile, None).unwrap();
     let line = found.iter().find(|line| line.what == "dataref").unwrap();
     assert!(line.state == State::Fault && line.found.starts_with("laminar/r22/rotor_collective_ratio"), "{line:?}");
+    let loaded = found.iter().find(|line| line.what == "aircraft").unwrap();
+    assert!(loaded.state == State::Fault && loaded.found.ends_with("xcell60.acf"), "{loaded:?}");
     assert!(verdict(&found).is_err());
 }
 
