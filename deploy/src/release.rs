@@ -9,7 +9,7 @@ use skein_lab::terminal::{complain, say};
 
 use crate::check::xplane::read_until;
 use crate::simulators::HostPort;
-use crate::simulators::survey::Surveyor;
+use crate::simulators::survey::{SILENT, Surveyor};
 
 /// `skein release`
 #[derive(Clone, Debug, clap::Args)]
@@ -60,9 +60,10 @@ fn release(address: &str, overrides: &[String]) -> Result<&'static str, Error> {
     let surveyor = Surveyor::open(address)?;
     let before = surveyor.survey(overrides, 0, ANSWER, false)?;
     if !before.has_answered() {
-        return Err(Error::Failed(
-            "no answer within 2 s; is X-Plane running, and does it accept incoming connections?".to_owned(),
-        ));
+        return Err(Error::Failed(format!(
+            "no answer within {} s; is X-Plane running, and does it accept incoming connections?",
+            SILENT.as_secs()
+        )));
     }
     let was_held = overrides.iter().any(|path| before.value(path).is_some_and(|value| value != 0.0));
     overrides.iter().for_each(|path| surveyor.write(path, 0.0));

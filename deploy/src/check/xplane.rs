@@ -208,14 +208,19 @@ fn states(place: &str, survey: &Survey) -> Vec<Line> {
 
 /// The file of the aircraft that is loaded, and whether it is the one that the profile is for.
 fn aircraft(place: &str, survey: &Survey, profile: &Profile) -> Line {
-    let letters = (0..PATH_CHARACTERS).map_while(|nth| survey.value(&path_element(nth)));
-    let bytes: Vec<u8> = letters.map(|value| value as u8).take_while(|byte| *byte != 0).collect();
+    let mut bytes: Vec<u8> =
+        (0..PATH_CHARACTERS).map_while(|nth| survey.value(&path_element(nth))).map(|value| value as u8).collect();
+    let end = bytes.iter().position(|byte| *byte == 0);
+    bytes.truncate(end.unwrap_or(PATH_CHARACTERS));
     if bytes.is_empty() {
         return Line::new(place, "aircraft", "its file was not answered: look which aircraft is loaded").unknown();
     }
     let path = String::from_utf8_lossy(&bytes);
     let line = Line::new(place, "aircraft", skein_common::printable::printable(&path, PATH_CHARACTERS));
     match &profile.acf {
+        Some(acf) if !path.contains(acf.as_str()) && end.is_none() => {
+            line.warning(format!("the path is longer than what was answered: see that it is the aircraft for {acf}"))
+        }
         Some(acf) if !path.contains(acf.as_str()) => {
             line.fault(format!("the aircraft's file is for {acf}: load that one, or name the file of this one"))
         }

@@ -175,10 +175,19 @@ impl Standin {
                 if *left_s <= 0.0 {
                     self.absence = None;
                 }
-                while let Received::Datagram(..) | Received::Fault = self.port.receive(None) {}
+                self.discard();
             }
         }
         true
+    }
+
+    /// Loses the waiting datagrams, as a computer does on which no simulator listens.
+    fn discard(&mut self) {
+        for _ in 0..MAX_QUEUED {
+            if matches!(self.port.receive(None), Received::Nothing) {
+                return;
+            }
+        }
     }
 
     fn simulate(&mut self, frame_s: f64) {

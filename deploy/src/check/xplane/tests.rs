@@ -26,7 +26,12 @@ struct Running {
 
 impl Running {
     fn begin() -> Self {
-        let options = Cli::parse_from(["standin", "--port", "0", "--beacon", "false"]).options;
+        Self::with(&[])
+    }
+
+    fn with(arguments: &[&str]) -> Self {
+        let given = ["standin", "--port", "0", "--beacon", "false"].iter().chain(arguments);
+        let options = Cli::parse_from(given).options;
         let mut standin = Standin::open(&options).unwrap();
         let (address, stop) = (standin.address(), Arc::new(AtomicBool::new(false)));
         let of_thread = Arc::clone(&stop);
@@ -87,6 +92,15 @@ fn an_x_plane_ready_for_an_agent_has_no_fault_and_a_missing_dataref_is_named() {
     let loaded = found.iter().find(|line| line.what == "aircraft").unwrap();
     assert!(loaded.state == State::Fault && loaded.found.ends_with("xcell60.acf"), "{loaded:?}");
     assert!(verdict(&found).is_err());
+}
+
+#[test]
+fn a_path_that_was_not_read_to_its_end_is_no_fault() {
+    let acf = format!("Aircraft/{}/R22.acf", "x".repeat(PATH_CHARACTERS));
+    let running = Running::with(&["--acf", &acf]);
+    let profile = Profile { acf: Some("R22".to_owned()), ..Profile::default() };
+    let found = lines("here", &running.surveyor(), &profile, None).unwrap();
+    assert_eq!(state(&found, "aircraft"), State::Warning, "{found:#?}");
 }
 
 #[test]

@@ -13,7 +13,7 @@ const NEGLIGIBLE_TICKS: f64 = 1e-9;
 
 /// The helicopter, what is left to simulate of the last frame, and the last ten seconds.
 pub(super) struct Aircraft {
-    pub(super) vehicle: BuiltInVehicle,
+    vehicle: BuiltInVehicle,
     /// Simulated time beyond the vehicle's last tick, in ticks, below one.
     rest: f64,
     past: VecDeque<Frame>,
@@ -35,9 +35,9 @@ impl Aircraft {
             self.vehicle.advance(controls);
         }
         self.replayed = 0;
-        self.past.push_back(self.frame());
-        let newest_s = self.frame().time.seconds();
-        while self.past.front().is_some_and(|oldest| oldest.time.seconds() < newest_s - REPLAY_S) {
+        let newest = self.frame();
+        self.past.push_back(newest);
+        while self.past.front().is_some_and(|oldest| oldest.time.seconds() < newest.time.seconds() - REPLAY_S) {
             self.past.pop_front();
         }
     }
