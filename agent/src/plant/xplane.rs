@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`wire`] | encodes and decodes every datagram |
 //! | [`discovery`] | finds the X-Planes of a network |
+//! | [`client`] | the agent's side without socket and clock: subscriptions, frames, controls |
 //! | [`link`] | X-Plane as a [`Plant`](skein_core::plant::Plant) |
 //! | [`server`] | the simulator's side without sockets: subscriptions, datarefs, overrides |
 //! | [`standin`] | a headless X-Plane: the built-in helicopter behind that server |
@@ -12,14 +13,15 @@
 //!
 //! Degrees, X-Plane's axes and its single precision are used in this folder only.
 
-mod clock;
 mod convert;
 mod socket;
 
+pub mod client;
 pub mod discovery;
 pub mod link;
 pub mod server;
 pub mod standin;
 pub mod wire;
 
-pub use link::{Counters, XPlane, XPlaneLinkError};
+pub use client::Counters;
+pub use link::{XPlane, XPlaneLinkError};

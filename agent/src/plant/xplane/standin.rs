@@ -8,28 +8,22 @@
 
 mod aircraft;
 mod options;
+mod simulator;
 
-use std::f64::consts::PI;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-use skein_common::frame::{Geodetic, Origin};
-use skein_common::math;
 use skein_host::clock::{now, sleep_until};
 use socket2::SockRef;
 
-use super::server::{Order, Server, Surroundings};
 use super::socket::{Port, Received, is_receiver_down, is_this_host};
-use super::wire::{becn, prel::Placement, rpos};
-use aircraft::Aircraft;
+use super::wire::{becn, rpos};
+use options::udp_port;
 pub use options::{StandinError, StandinOptions};
-use options::{check_frames, parameters, start, udp_port, weather};
-use rand_chacha::ChaCha8Rng;
-use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
-use skein_core::random::{Purpose, generator, uniform};
+pub use simulator::{Presence, Simulator};
 
 /// Largest number of queued datagrams read in one frame.
 const MAX_QUEUED: u32 = 4096;
@@ -64,27 +58,10 @@ impl Split {
     }
 }
 
-/// A time without frames, s.
-#[derive(Clone, Copy)]
-enum Absence {
-    /// It hangs: datagrams wait in the queue.
-    Frozen(f64),
-    /// It has ended: datagrams are lost, and it starts anew afterwards.
-    Gone(f64),
-}
-
 /// A stand-in that is ready to run.
 pub struct Standin {
     options: StandinOptions,
-    parameters: Parameters,
-    weather: Weather,
-    /// Place and heading, rad, to which a reset returns.
-    start: (Geodetic, f64),
-    aircraft: Aircraft,
-    server: Server,
-    random: ChaCha8Rng,
-    /// What it does instead of frames, if anything.
-    absence: Option<Absence>,
+    simulator: Simulator,
     port: Port,
     /// Sending ports of positions and values, if not `port`.
     split: Option<Split>,
@@ -99,10 +76,7 @@ impl Standin {
     /// # Errors
     /// If an option is outside its range, the aircraft file is not valid, or the port is in use.
     pub fn open(options: &StandinOptions) -> Result<Self, StandinError> {
-        check_frames(options)?;
-        let weather = weather(options)?;
-        let parameters = parameters(options)?;
-        let start = start(options)?;
+        let simulator = Simulator::new(options)?;
         // The beacon carries no address, so the stand-in must be reachable on every interface that the beacon is sent
         // to.
         let listen = if options.beacon { Ipv4Addr::UNSPECIFIED } else { Ipv4Addr::LOCALHOST };
@@ -110,14 +84,8 @@ impl Standin {
         let bind = |source| StandinError::Bind { address: wanted, source };
         let port = UdpSocket::bind(wanted).and_then(Port::new).map_err(bind)?;
         Ok(Self {
-            aircraft: Aircraft::new(vehicle(options, &parameters, &weather, start)),
-            server: server(options, &weather),
-            random: generator(options.seed, Some(options.id), Purpose::Simulator),
-            absence: None,
+            simulator,
             options: options.clone(),
-            parameters,
-            weather,
-            start,
             split: options.split_ports.then(|| Split::open(listen)).transpose().map_err(bind)?,
             address: (Ipv4Addr::LOCALHOST, port.local_addr().map_err(bind)?.port()).into(),
             port,
@@ -142,7 +110,8 @@ impl Standin {
             let period = Duration::from_secs_f64(self.frame());
             let now = now();
             deadline = next_deadline(deadline, period, now);
-            let is_needed = launcher_gone.as_ref().is_none_or(|gone| !gone.load(Relaxed)) || self.server.is_used();
+            let is_needed =
+                launcher_gone.as_ref().is_none_or(|gone| !gone.load(Relaxed)) || self.simulator.server().is_used();
             if is_needed {
                 last_used = now;
             } else if now >= last_used + UNUSED_TIMEOUT {
@@ -154,31 +123,17 @@ impl Standin {
 
     /// Runs a frame and returns its length, s.
     fn frame(&mut self) -> f64 {
-        let deviation = self.options.jitter * (2.0 * uniform(&mut self.random) - 1.0);
-        let frame_s = (1.0 + deviation) / f64::from(self.options.rate);
-        if !self.is_absent(frame_s) {
-            self.announce();
-            self.receive();
-            self.simulate(frame_s);
+        let (frame_s, presence) = self.simulator.begin_frame();
+        match presence {
+            Presence::Running => {
+                self.announce();
+                self.receive();
+                self.simulate(frame_s);
+            }
+            Presence::Frozen => {}
+            Presence::Gone => self.discard(),
         }
         frame_s
-    }
-
-    /// Whether this frame does not take place; ends an absence that is over.
-    fn is_absent(&mut self, frame_s: f64) -> bool {
-        match &mut self.absence {
-            None => return false,
-            Some(Absence::Frozen(left_s)) if *left_s > frame_s => *left_s -= frame_s,
-            Some(Absence::Frozen(_)) => self.absence = None,
-            Some(Absence::Gone(left_s)) => {
-                *left_s -= frame_s;
-                if *left_s <= 0.0 {
-                    self.absence = None;
-                }
-                self.discard();
-            }
-        }
-        true
     }
 
     /// Loses the waiting datagrams, as a computer does on which no simulator listens.
@@ -191,31 +146,21 @@ impl Standin {
     }
 
     fn simulate(&mut self, frame_s: f64) {
-        let controls = self.server.take_controls();
-        let simulated_s = self.server.simulated_s(frame_s);
-        if simulated_s > 0.0 && !self.server.has_crashed() {
-            self.aircraft.advance(controls, simulated_s);
-        }
-        let shown = if self.server.is_in_replay() { self.aircraft.replay() } else { self.aircraft.frame() };
-        let drop_share = self.server.drop_share();
         let mut gone = None;
-        let Self { server, port, split, random, .. } = self;
-        server.publish(&shown, frame_s, |to, datagram| {
-            if drop_share > 0.0 && uniform(random) < drop_share {
-                return;
-            }
+        let Self { simulator, port, split, .. } = self;
+        simulator.end_frame(frame_s, |to, datagram| {
             let port = split.as_mut().map_or(&mut *port, |split| split.port_of(datagram));
             if port.send(datagram, to).is_err_and(|error| is_receiver_down(&error)) {
                 gone = Some(to);
             }
         });
         if let Some(client) = gone {
-            self.server.forget(client);
+            self.simulator.server().forget(client);
         }
     }
 
     fn announce(&mut self) {
-        if let Some(beacon) = self.server.beacon(self.address.port(), &self.computer) {
+        if let Some(beacon) = self.simulator.server().beacon(self.address.port(), &self.computer) {
             for socket in &self.beacons {
                 // Without a network the beacon has no receiver.
                 let _ = socket.send_to(beacon, (Ipv4Addr::from(becn::GROUP), becn::PORT));
@@ -229,62 +174,17 @@ impl Standin {
             match self.port.receive(None) {
                 // Like its beacon, the stand-in is for this computer only.
                 Received::Datagram(_, from) if !is_this_host(from.ip()) => {}
-                Received::Datagram(..) if self.is_lost() => {}
-                Received::Datagram(size, from) => match self.server.handle(self.port.datagram(size), from) {
-                    Some(Order::Place(placement)) => self.place(&placement),
-                    Some(Order::Reset) => self.reset(),
-                    Some(Order::Freeze(seconds)) => self.absence = Some(Absence::Frozen(seconds.into())),
-                    Some(Order::Restart(seconds)) => {
-                        self.server = server(&self.options, &self.weather);
-                        self.reset();
-                        self.absence = Some(Absence::Gone(seconds.into()));
+                Received::Datagram(size, from) => {
+                    if !self.simulator.receive(self.port.datagram(size), from) {
                         return;
                     }
-                    None => {}
-                },
+                }
                 // A subscriber has gone, but the error does not say which; the table's bound covers it.
                 Received::Fault => {}
                 Received::Nothing => return,
             }
         }
     }
-
-    fn is_lost(&mut self) -> bool {
-        let share = self.server.drop_share();
-        share > 0.0 && uniform(&mut self.random) < share
-    }
-
-    fn reset(&mut self) {
-        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, self.start));
-    }
-
-    fn place(&mut self, placement: &Placement) {
-        let Placement { latitude_deg, longitude_deg, heading_deg, .. } = *placement;
-        let place = Geodetic::from_degrees(latitude_deg, longitude_deg, self.options.alt_m);
-        let start = (place, heading_deg.to_radians());
-        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, start));
-    }
-}
-
-/// The helicopter at rest at this place, with this heading, rad.
-fn vehicle(
-    options: &StandinOptions,
-    parameters: &Parameters,
-    weather: &Weather,
-    (place, heading_rad): (Geodetic, f64),
-) -> BuiltInVehicle {
-    let start = Start { heading_rad, ..Start::default() };
-    BuiltInVehicle::new(&Origin::new(place), parameters, &start, weather, options.seed, options.id)
-}
-
-/// A simulator that has just started.
-fn server(options: &StandinOptions, weather: &Weather) -> Server {
-    let to_rad = weather.wind_from_rad + PI;
-    let wind_m_s = [weather.wind_m_s * math::sin(to_rad), 0.0, -weather.wind_m_s * math::cos(to_rad)];
-    let surroundings = Surroundings { acf: options.acf.as_str().into(), wind_m_s };
-    let mut server = Server::new(options.version, options.rate, surroundings);
-    server.set_drop_share(options.drop);
-    server
 }
 
 /// The next deadline on a fixed grid, so that small delays do not add up; a loop that is far behind starts a new grid.

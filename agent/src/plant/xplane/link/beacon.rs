@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use skein_host::clock::now;
 
-use super::Counters;
 use crate::plant::xplane::discovery;
 use crate::plant::xplane::socket::{Port, Received, is_this_host};
 use crate::plant::xplane::wire::becn::Beacon;
@@ -34,7 +33,7 @@ impl Search {
 
     /// Port of the first master X-Plane on this host whose beacon arrives before the deadline. Beacons of other hosts
     /// are ignored, because their aircraft are not ours to fly.
-    pub(super) fn find(&mut self, deadline: Instant, counters: &mut Counters) -> Option<u16> {
+    pub(super) fn find(&mut self, deadline: Instant, malformed: &mut u64) -> Option<u16> {
         loop {
             match self.port.receive(Some(deadline)) {
                 Received::Datagram(size, from) if is_this_host(from.ip()) => {
@@ -44,7 +43,7 @@ impl Search {
                             return Some(beacon.port);
                         }
                         Ok(_) => {}
-                        Err(_) => counters.malformed += 1,
+                        Err(_) => *malformed += 1,
                     }
                 }
                 // A beacon of another host.

@@ -7,9 +7,12 @@ use skein_common::time::PlantTime;
 use skein_host::clock::sleep_until;
 
 use super::*;
+use crate::plant::xplane::client::CONFIRM_OVERRIDES;
 use crate::plant::xplane::standin::{Standin, StandinOptions};
-use crate::plant::xplane::wire::MAX_DATAGRAM;
 use crate::plant::xplane::wire::dref::Write;
+use crate::plant::xplane::wire::rpos::{self, Position};
+use crate::plant::xplane::wire::{MAX_DATAGRAM, rref};
+use skein_core::plant::{Controls, Frame};
 
 const LOCAL: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 const TIMEOUT: Duration = Duration::from_secs(5);
@@ -222,7 +225,7 @@ fn values_make_no_frame_and_are_part_of_the_next_one() {
     simulator.send_value(&link, ROTOR_SPEED, 1500.0);
     simulator.send_value(&link, VERSION, 121_400.0);
     assert_eq!(link.wait(SOON), Wake::Deadline);
-    assert_eq!(link.version(), Some(121_400));
+    assert_eq!(link.client.version(), Some(121_400));
     simulator.send_position(&link, at_height(3.0));
     let Wake::Frame(frame) = link.wait(SOON) else { panic!("no frame") };
     assert_eq!(frame.measurement.height_m, 3.0);
@@ -260,7 +263,7 @@ fn a_paused_simulator_delivers_no_frames_and_its_time_stops() {
         simulator.send_position(&link, at_height(1.0));
         assert_eq!(link.wait(SOON), Wake::Deadline);
     }
-    assert!(link.is_paused() && link.counters().frozen_frames == 5);
+    assert!(link.client.is_paused() && link.counters().frozen_frames == 5);
     simulator.send_value(&link, PAUSED, 0.0);
     simulator.send_position(&link, at_height(1.0));
     let after = next_frame(&mut link).time;
@@ -343,7 +346,7 @@ mod beacons {
         let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
         let to = socket.local_addr().unwrap();
         let mut search = Search::on(socket).unwrap();
-        let mut counters = Counters::default();
+        let mut malformed = 0;
         let simulator = UdpSocket::bind((LOCAL, 0)).unwrap();
         let send = |host_id, role, port| {
             let name = "lab".to_owned();
@@ -355,11 +358,11 @@ mod beacons {
         simulator.send_to(b"BECN", to).unwrap();
         send(2, 1, 1000);
         send(1, 2, 2000);
-        assert_eq!(search.find(now() + SOON, &mut counters), None);
+        assert_eq!(search.find(now() + SOON, &mut malformed), None);
         send(1, 1, 49010);
         send(1, 1, 49020);
-        assert_eq!(search.find(now() + SOON, &mut counters), Some(49010));
-        assert_eq!(counters.malformed, 1);
+        assert_eq!(search.find(now() + SOON, &mut malformed), Some(49010));
+        assert_eq!(malformed, 1);
     }
 
     /// Needs multicast; without it the test prints that it was skipped, and passes.
@@ -369,11 +372,11 @@ mod beacons {
         let standin = Standin::open(&StandinOptions { beacon: true, ..live::options(0) }).unwrap();
         let address = standin.address();
         let _live = live::Live::run(standin);
-        let (give_up, mut counters) = (now() + TIMEOUT, Counters::default());
+        let (give_up, mut malformed) = (now() + TIMEOUT, 0);
         let mut received = Vec::new();
         // Other simulators on this computer may send beacons too.
         while !received.contains(&address.port()) && now() < give_up {
-            received.extend(search.find(now() + SOON, &mut counters));
+            received.extend(search.find(now() + SOON, &mut malformed));
         }
         if received.is_empty() {
             return println!("skipped: multicast does not return to this computer");
@@ -452,7 +455,7 @@ mod live {
         assert!(risen.rotor_speed_rad_s.is_some_and(|speed| speed > 150.0), "{risen:?}");
         assert_eq!(read(live.address, "sim/cockpit2/engine/actuators/prop_ratio[0]"), 0.7);
         assert_eq!(read(live.address, "sim/operation/override/override_joystick"), 1.0);
-        assert_eq!(link.version(), Some(121_400));
+        assert_eq!(link.client.version(), Some(121_400));
         assert_eq!(link.malformed(), 0);
 
         link.release();
@@ -513,7 +516,7 @@ mod live {
         let mut delays: Vec<_> = (0..150)
             .map(|_| {
                 next_frame(&mut link);
-                let received = link.last_position.unwrap();
+                let received = link.client.last_position.unwrap();
                 link.command(Command::Controls(HOVER));
                 now() - received
             })

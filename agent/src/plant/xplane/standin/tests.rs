@@ -6,6 +6,7 @@ use super::*;
 use crate::plant::xplane::server::Version;
 use crate::plant::xplane::wire::dref::Write;
 use crate::plant::xplane::wire::operation::Command;
+use crate::plant::xplane::wire::prel::Placement;
 use crate::plant::xplane::wire::rpos::{self, Position};
 use crate::plant::xplane::wire::{MAX_DATAGRAM, rref};
 
@@ -77,7 +78,7 @@ fn the_helicopter_rests_at_its_start_until_a_client_flies_it() {
 
     bench.set("sim/operation/override/override_joystick", 0.0);
     bench.position_after(1);
-    assert_eq!(bench.standin.server.take_controls(), None);
+    assert_eq!(bench.standin.simulator.server().take_controls(), None);
 }
 
 #[test]
@@ -129,7 +130,7 @@ fn a_frame_simulates_its_length_but_no_more_than_x_plane_does() {
         for _ in 0..10 {
             bench.standin.frame();
         }
-        bench.standin.aircraft.frame().time.seconds()
+        bench.standin.simulator.truth().time.seconds()
     };
     assert!((running_s(&[]) - 0.2).abs() < 1e-9);
     for (rate, expected_s) in [("20", 0.5), ("30", 1.0 / 3.0), ("100", 0.1), ("15", 10.0 / 19.0), ("1", 10.0 / 19.0)] {

@@ -99,7 +99,7 @@ fn values_with_guessed_indices_are_dropped() {
     rref::encode_values(&hit, &mut datagram).unwrap();
     spoofer.send_to(&datagram, to).unwrap();
     assert_eq!(link.wait(SOON), Wake::Deadline);
-    assert!(!link.is_paused() && link.rotor_speed.is_none() && link.version().is_none());
+    assert!(!link.client.is_paused() && link.client.rotor_speed.is_none() && link.client.version().is_none());
     assert_eq!(link.foreign(), 101);
 }
 

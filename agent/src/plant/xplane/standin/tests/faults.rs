@@ -104,9 +104,9 @@ fn a_slow_simulator_has_fewer_simulated_seconds_and_says_so() {
     bench.set("skein/standin/speed", 0.5);
     bench.standin.frame();
     assert_eq!(bench.read("sim/time/sim_speed_actual"), Some(0.5));
-    let before_s = bench.standin.aircraft.frame().time.seconds();
+    let before_s = bench.standin.simulator.truth().time.seconds();
     bench.positions(100);
-    assert!((bench.standin.aircraft.frame().time.seconds() - before_s - 1.0).abs() < 1e-9);
+    assert!((bench.standin.simulator.truth().time.seconds() - before_s - 1.0).abs() < 1e-9);
     let slow = Bench::new(&["--rate", "15"]).read("sim/time/sim_speed_actual").unwrap();
     assert!((slow - 15.0 / 19.0).abs() < 1e-6, "{slow}");
 }

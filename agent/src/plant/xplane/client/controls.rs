@@ -1,8 +1,5 @@
-//! Sends the datagrams that hold and set the controls. They are encoded once and sent again with other values.
+//! The datagrams that hold and set the controls. They are encoded once and sent again with other values.
 
-use std::net::SocketAddr;
-
-use crate::plant::xplane::socket::Port;
 use crate::plant::xplane::wire::WireError;
 use crate::plant::xplane::wire::dref::Template;
 use skein_core::aircraft::{Dataref, Profile};
@@ -33,36 +30,31 @@ impl ControlWriter {
     }
 
     /// Takes the controls, or confirms that they are taken: X-Plane forgets it when the aircraft is reloaded.
-    pub(super) fn take(&mut self, port: &mut Port, to: SocketAddr) {
-        self.set_overrides(1.0, port, to);
+    pub(super) fn take(&mut self, send: &mut dyn FnMut(&[u8])) {
+        self.set_overrides(1.0, send);
         for (template, value) in &mut self.hold {
-            send(port, template, *value, to);
+            send(template.with_value(*value));
         }
     }
 
     /// Releases the controls.
-    pub(super) fn release(&mut self, port: &mut Port, to: SocketAddr) {
-        self.set_overrides(0.0, port, to);
+    pub(super) fn release(&mut self, send: &mut dyn FnMut(&[u8])) {
+        self.set_overrides(0.0, send);
     }
 
-    fn set_overrides(&mut self, value: f32, port: &mut Port, to: SocketAddr) {
+    fn set_overrides(&mut self, value: f32, send: &mut dyn FnMut(&[u8])) {
         for template in &mut self.overrides {
-            send(port, template, value, to);
+            send(template.with_value(value));
         }
     }
 
     /// Sets the controls.
-    pub(super) fn set(&mut self, controls: Controls, port: &mut Port, to: SocketAddr) {
-        send(port, &mut self.roll, controls.roll as f32, to);
-        send(port, &mut self.pitch, controls.pitch as f32, to);
-        send(port, &mut self.yaw, controls.yaw as f32, to);
+    pub(super) fn set(&mut self, controls: Controls, send: &mut dyn FnMut(&[u8])) {
+        send(self.roll.with_value(controls.roll as f32));
+        send(self.pitch.with_value(controls.pitch as f32));
+        send(self.yaw.with_value(controls.yaw as f32));
         for template in &mut self.collective {
-            send(port, template, controls.collective as f32, to);
+            send(template.with_value(controls.collective as f32));
         }
     }
-}
-
-/// Sends a write. A lost one is repeated with the next frame; the port counts errors.
-fn send(port: &mut Port, template: &mut Template, value: f32, to: SocketAddr) {
-    let _ = port.send(template.with_value(value), to);
 }

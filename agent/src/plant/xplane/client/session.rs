@@ -16,7 +16,6 @@
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
-use ring::rand::{SecureRandom, SystemRandom};
 use skein_common::math::cos;
 
 use super::{RESUBSCRIBE_SILENT, STALE};
@@ -79,16 +78,17 @@ impl Value {
 
 /// Index of each value in this session.
 #[derive(Debug)]
-pub(super) struct Indices([i32; Value::ALL.len()]);
+pub struct Indices([i32; Value::ALL.len()]);
 
 impl Indices {
-    /// Draws unpredictable, distinct indices, or returns `None` if the system provides no random numbers. X-Plane only
+    /// Draws distinct indices from bytes that nobody can predict, or returns `None` if `fill` has no bytes. X-Plane only
     /// echoes indices; they are not negative because its documentation shows no negative one.
-    pub(super) fn draw() -> Option<Self> {
-        let system = SystemRandom::new();
+    pub fn draw(mut fill: impl FnMut(&mut [u8]) -> bool) -> Option<Self> {
         loop {
             let mut bytes = [[0; 4]; Value::ALL.len()];
-            system.fill(bytes.as_flattened_mut()).ok()?;
+            if !fill(bytes.as_flattened_mut()) {
+                return None;
+            }
             let indices = bytes.map(|bytes| i32::from_le_bytes(bytes) & i32::MAX);
             let is_distinct = |(nth, index): (usize, &i32)| !indices[..nth].contains(index);
             if indices.iter().enumerate().all(is_distinct) {

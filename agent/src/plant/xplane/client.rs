@@ -1,0 +1,297 @@
+//! The agent's side of the protocol without socket and clock: it reads the simulator's datagrams, makes frames of them
+//! and writes its own.
+//!
+//! X-Plane replies to the address that asked, from an undocumented port. A reply is therefore recognised by the
+//! simulator's IP address, by the session's indices and by what they prove (`session`). Any other datagram is dropped and
+//! counted.
+//!
+//! A position (RPOS) makes a frame. Dataref values (RREF) update the latest value and make no frame. Of several positions
+//! that were received together the newest makes the frame. `clock` estimates the simulator's time; while it is stopped,
+//! in a paused simulator, positions make no frames.
+
+mod clock;
+mod controls;
+mod session;
+
+use std::fmt;
+use std::net::{IpAddr, SocketAddr};
+use std::time::{Duration, Instant};
+
+use skein_common::frame::Origin;
+
+use super::convert;
+use super::wire::rpos::{self, Position};
+use super::wire::{WireError, rref};
+use clock::Clock;
+use controls::ControlWriter;
+pub use session::Indices;
+use session::{Provenance, Sender, Senders, Value};
+use skein_core::aircraft::{Dataref, Profile};
+use skein_core::plant::{Command, Controls, Frame};
+
+/// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
+const RESUBSCRIBE: Duration = Duration::from_secs(5);
+/// Time between two subscriptions while no position arrives.
+const RESUBSCRIBE_SILENT: Duration = Duration::from_secs(1);
+/// Time between two confirmations of the overrides.
+pub(super) const CONFIRM_OVERRIDES: Duration = Duration::from_millis(200);
+/// Age at which a dataref's value expires.
+const STALE: Duration = Duration::from_secs(1);
+/// The release is sent several times, because X-Plane does not acknowledge it and a lost one would leave the pilot
+/// without control.
+const RELEASE_REPEATS: u32 = 3;
+
+/// Takes a datagram and sends it to the simulator.
+pub type Send<'a> = &'a mut dyn FnMut(&[u8]);
+
+/// Counts since the link was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames delivered.
+    pub frames: u64,
+    /// Datagrams that do not follow the protocol or have implausible numbers.
+    pub malformed: u64,
+    /// Datagrams that the simulator did not send: from another address, with unrequested indices, or with positions of
+    /// another sender.
+    pub foreign: u64,
+    /// Positions that came before the simulator's sending port was known.
+    pub unproven: u64,
+    /// Positions skipped because a newer one was queued behind them.
+    pub skipped_frames: u64,
+    /// Pauses longer than one and a half frame periods between two positions.
+    pub gaps: u64,
+    /// Positions that came while the simulator's time was stopped.
+    pub frozen_frames: u64,
+    /// Commands outside the controls' travel, which were not sent.
+    pub refused_commands: u64,
+    /// Socket errors, including those because the simulator is not up; a client without a socket has none.
+    pub faults: u64,
+}
+
+/// The agent's side of a conversation with one X-Plane. The caller passes the times and carries the datagrams.
+pub struct Client {
+    origin: Origin,
+    rate_hz: u32,
+    rotor_speed_rpm: Dataref,
+    indices: Indices,
+    senders: Senders,
+    controls: ControlWriter,
+    clock: Clock,
+    /// When the rotor speed arrived, and its value in revolutions per minute.
+    pub(super) rotor_speed: Option<(Instant, f32)>,
+    version: Option<u32>,
+    /// The newest position that has not yet made a frame, and its arrival time.
+    position: Option<(Position, Instant)>,
+    pub(super) last_position: Option<Instant>,
+    last_subscribed: Option<Instant>,
+    overrides_confirmed: Option<Instant>,
+    outgoing: Vec<u8>,
+    counters: Counters,
+}
+
+impl Client {
+    /// A client that will ask for `rate_hz` positions a second. It sends nothing before the first [`Self::renew`] and does
+    /// not touch the controls before the first [`Self::command`].
+    ///
+    /// # Errors
+    /// If a dataref of the profile does not fit into a message.
+    pub fn new(origin: &Origin, profile: &Profile, rate_hz: u32, indices: Indices) -> Result<Self, WireError> {
+        Ok(Self {
+            origin: *origin,
+            rate_hz: rate_hz.max(1),
+            rotor_speed_rpm: profile.rotor_speed_rpm.clone(),
+            indices,
+            senders: Senders::default(),
+            controls: ControlWriter::new(profile)?,
+            clock: Clock::new(),
+            rotor_speed: None,
+            version: None,
+            position: None,
+            last_position: None,
+            last_subscribed: None,
+            overrides_confirmed: None,
+            outgoing: Vec::with_capacity(rref::REQUEST_SIZE),
+            counters: Counters::default(),
+        })
+    }
+
+    /// X-Plane's version number, once received: 121400 is 12.1.4.
+    pub fn version(&self) -> Option<u32> {
+        self.version
+    }
+
+    /// Whether the simulator reports that it is paused.
+    pub fn is_paused(&self) -> bool {
+        self.clock.is_paused()
+    }
+
+    /// Last measured rate, simulated seconds per local second; 1 until measured.
+    pub fn time_rate(&self) -> f64 {
+        self.clock.rate()
+    }
+
+    /// Counts so far.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Nominal time between two frames, s.
+    pub fn frame_period_s(&self) -> f64 {
+        1.0 / f64::from(self.rate_hz)
+    }
+
+    /// Whether a position has been received that has not yet made a frame.
+    pub fn has_position(&self) -> bool {
+        self.position.is_some()
+    }
+
+    /// Asks for positions and values if that is due.
+    pub fn renew(&mut self, now: Instant, send: Send<'_>) {
+        let is_over = |since: Option<Instant>, timeout| since.is_none_or(|since| now >= since + timeout);
+        let is_silent = is_over(self.last_position, RESUBSCRIBE_SILENT);
+        let timeout = if is_silent { RESUBSCRIBE_SILENT } else { RESUBSCRIBE };
+        if is_over(self.last_subscribed, timeout) {
+            self.subscribe(self.rate_hz, 1, send);
+            self.last_subscribed = Some(now);
+        }
+    }
+
+    /// Requests the position and the values; rates of zero end the subscription. A lost request is repeated later.
+    fn subscribe(&mut self, rate_hz: u32, slow_hz: u32, send: Send<'_>) {
+        rpos::PositionRequest { rate_hz }.encode(&mut self.outgoing);
+        send(&self.outgoing);
+        for value in Value::ALL {
+            let frequency_hz = if value == Value::Version { slow_hz } else { rate_hz };
+            let (index, path) = (self.indices.of(value), value.path(&self.rotor_speed_rpm));
+            if (rref::DatarefRequest { frequency_hz, index, path }).encode(&mut self.outgoing).is_ok() {
+                send(&self.outgoing);
+            }
+        }
+    }
+
+    /// Takes a datagram that arrived at `now` from `from`; those that are not of the simulator at this address are dropped
+    /// and counted.
+    pub fn receive(&mut self, datagram: &[u8], from: SocketAddr, simulator: IpAddr, now: Instant) {
+        if from.ip() != simulator {
+            self.refuse_foreign(from, "which is not the simulator's address");
+            return;
+        }
+        let outcome = match datagram.first_chunk() {
+            Some(&rpos::TAG) => Position::decode(datagram).map(Some),
+            Some(&rref::TAG) => self.take_values(datagram, from, now).map(|()| None),
+            _ => Err(WireError::WrongTag),
+        };
+        match outcome {
+            Ok(Some(position)) if self.is_own(from, &position, now) => {
+                self.counters.skipped_frames += u64::from(self.position.replace((position, now)).is_some());
+            }
+            Ok(_) => {}
+            Err(error) => self.refuse(error),
+        }
+    }
+
+    /// Whether this position is the simulator's.
+    fn is_own(&mut self, from: SocketAddr, position: &Position, now: Instant) -> bool {
+        match self.senders.assess(from, position, now, self.frame_period_s(), self.clock.rate()) {
+            Sender::Simulator => return true,
+            Sender::Unproven => self.counters.unproven += 1,
+            Sender::Foreign(Some(excess_m)) if excess_m > 0.0 => {
+                self.refuse_foreign(
+                    from,
+                    format_args!("whose position is {excess_m:.1} m farther away than X-Plane's values allow"),
+                );
+            }
+            Sender::Foreign(_) => self.refuse_foreign(from, "whose positions compete with another sender's"),
+        }
+        false
+    }
+
+    fn take_values(&mut self, datagram: &[u8], from: SocketAddr, now: Instant) -> Result<(), WireError> {
+        let values = rref::decode_values(datagram)?;
+        match self.indices.assess(values.map(|(index, _)| index)) {
+            Provenance::Proof => self.senders.prove(from, now),
+            Provenance::Ours => {}
+            Provenance::Foreign => {
+                self.refuse_foreign(from, "whose values were not asked for");
+                return Ok(());
+            }
+        }
+        for (index, value) in rref::decode_values(datagram)? {
+            match self.indices.value(index) {
+                _ if !value.is_finite() => self.counters.malformed += 1,
+                Some(Value::RunningTime) => self.clock.running_time(now, value),
+                Some(Value::Paused) => self.clock.set_paused(value != 0.0),
+                Some(Value::RotorSpeed) => self.rotor_speed = Some((now, value)),
+                Some(Value::Version) => self.version = Some(value as u32),
+                Some(part) => self.senders.place(part, value, now),
+                None => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts a datagram of another program; logs the first, second, fourth, eighth and so on.
+    fn refuse_foreign(&mut self, from: SocketAddr, why: impl fmt::Display) {
+        self.counters.foreign += 1;
+        if self.counters.foreign.is_power_of_two() {
+            tracing::warn!(foreign = self.counters.foreign, "dropped a datagram from {from}, {why}");
+        }
+    }
+
+    /// Counts a malformed datagram of the simulator; logs the first, second, fourth, eighth and so on.
+    fn refuse(&mut self, error: WireError) {
+        self.counters.malformed += 1;
+        if self.counters.malformed.is_power_of_two() {
+            tracing::warn!(malformed = self.counters.malformed, "dropped a datagram from the simulator: {error}");
+        }
+    }
+
+    /// The frame of the newest position; `None` without one, if it is not plausible, or if the simulator's time is stopped.
+    pub fn frame(&mut self) -> Option<Frame> {
+        let (position, at) = self.position.take()?;
+        let rotor_speed_rad_s = self
+            .rotor_speed
+            .filter(|&(since, _)| at.saturating_duration_since(since) < STALE)
+            .map(|(_, rpm)| convert::rad_s_from_rpm(rpm.into()));
+        let Some(measurement) = convert::measurement(&position, rotor_speed_rad_s) else {
+            self.refuse(WireError::OutOfRange);
+            return None;
+        };
+        let longest = Duration::from_secs_f64(1.5 * self.frame_period_s());
+        let last = self.last_position.replace(at);
+        self.counters.gaps += u64::from(last.is_some_and(|last| at > last + longest));
+        let Some(time) = self.clock.frame(at) else {
+            self.counters.frozen_frames += 1;
+            return None;
+        };
+        self.counters.frames += 1;
+        Some(Frame { time, truth: convert::truth(&measurement, &self.origin), measurement })
+    }
+
+    /// Sets the controls; a command outside their travel is counted and not sent.
+    pub fn command(&mut self, command: Command, now: Instant, send: Send<'_>) {
+        let Some(controls) = command.controls().filter(Controls::is_within_limits) else {
+            self.counters.refused_commands += 1;
+            return;
+        };
+        if self.overrides_confirmed.is_none_or(|at| now >= at + CONFIRM_OVERRIDES) {
+            self.controls.take(send);
+            self.overrides_confirmed = Some(now);
+        }
+        self.controls.set(controls, send);
+    }
+
+    /// Gives the controls back, if they were taken, and ends the subscription.
+    pub fn release(&mut self, send: Send<'_>) {
+        let was_holding = self.overrides_confirmed.take().is_some();
+        let was_subscribed = self.last_subscribed.take().is_some();
+        for _ in 0..RELEASE_REPEATS {
+            if was_holding {
+                self.controls.release(send);
+            }
+            if was_subscribed {
+                self.subscribe(0, 0, send);
+            }
+        }
+    }
+}

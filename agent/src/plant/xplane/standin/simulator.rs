@@ -1,0 +1,180 @@
+//! The simulator of a stand-in without sockets and clock: the caller carries the datagrams and keeps the pace.
+
+use std::f64::consts::PI;
+use std::net::SocketAddr;
+
+use rand_chacha::ChaCha8Rng;
+use skein_common::frame::{Geodetic, Origin};
+use skein_common::math;
+
+use super::aircraft::Aircraft;
+use super::options::{StandinError, StandinOptions, check_frames, parameters, start, weather};
+use crate::plant::xplane::server::{Order, Server, Surroundings};
+use crate::plant::xplane::wire::prel::Placement;
+use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
+use skein_core::plant::Frame;
+use skein_core::random::{Purpose, generator, uniform};
+
+/// A time without frames, s.
+#[derive(Clone, Copy)]
+enum Absence {
+    /// It hangs: datagrams wait in the queue.
+    Frozen(f64),
+    /// It has ended: datagrams are lost, and it starts anew afterwards.
+    Gone(f64),
+}
+
+/// Whether a simulator runs its frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// It runs the frame.
+    Running,
+    /// It hangs: datagrams wait.
+    Frozen,
+    /// It has ended: datagrams are lost.
+    Gone,
+}
+
+/// A simulator with one helicopter. In each frame the caller asks for [`Self::begin_frame`], hands over the datagrams
+/// received since the last one ([`Self::receive`]) and ends the frame ([`Self::end_frame`]).
+pub struct Simulator {
+    options: StandinOptions,
+    parameters: Parameters,
+    weather: Weather,
+    /// Place and heading, rad, to which a reset returns.
+    start: (Geodetic, f64),
+    aircraft: Aircraft,
+    server: Server,
+    random: ChaCha8Rng,
+    /// What it does instead of frames, if anything.
+    absence: Option<Absence>,
+}
+
+impl Simulator {
+    /// A simulator that has just started, with its helicopter at rest on the ground.
+    ///
+    /// # Errors
+    /// If an option is outside its range, or the aircraft file is not valid.
+    pub fn new(options: &StandinOptions) -> Result<Self, StandinError> {
+        check_frames(options)?;
+        let weather = weather(options)?;
+        let parameters = parameters(options)?;
+        let start = start(options)?;
+        Ok(Self {
+            aircraft: Aircraft::new(vehicle(options, &parameters, &weather, start)),
+            server: server(options, &weather),
+            random: generator(options.seed, Some(options.id), Purpose::Simulator),
+            absence: None,
+            options: options.clone(),
+            parameters,
+            weather,
+            start,
+        })
+    }
+
+    /// The server, which knows the subscribers.
+    pub fn server(&mut self) -> &mut Server {
+        &mut self.server
+    }
+
+    /// The true state of the helicopter.
+    pub fn truth(&self) -> Frame {
+        self.aircraft.frame()
+    }
+
+    /// Begins a frame: its length, s, and whether it takes place.
+    pub fn begin_frame(&mut self) -> (f64, Presence) {
+        let deviation = self.options.jitter * (2.0 * uniform(&mut self.random) - 1.0);
+        let frame_s = (1.0 + deviation) / f64::from(self.options.rate);
+        (frame_s, self.presence(frame_s))
+    }
+
+    /// Whether this frame takes place; ends an absence that is over.
+    fn presence(&mut self, frame_s: f64) -> Presence {
+        let (presence, left_s) = match self.absence {
+            None => return Presence::Running,
+            Some(Absence::Frozen(left_s)) => (Presence::Frozen, left_s - frame_s),
+            Some(Absence::Gone(left_s)) => (Presence::Gone, left_s - frame_s),
+        };
+        self.absence = match presence {
+            _ if left_s <= 0.0 => None,
+            Presence::Gone => Some(Absence::Gone(left_s)),
+            _ => Some(Absence::Frozen(left_s)),
+        };
+        presence
+    }
+
+    /// Processes a datagram; returns whether the simulator can take another one in this frame.
+    pub fn receive(&mut self, datagram: &[u8], from: SocketAddr) -> bool {
+        if self.is_lost() {
+            return true;
+        }
+        match self.server.handle(datagram, from) {
+            Some(Order::Place(placement)) => self.place(&placement),
+            Some(Order::Reset) => self.reset(),
+            Some(Order::Freeze(seconds)) => self.absence = Some(Absence::Frozen(seconds.into())),
+            Some(Order::Restart(seconds)) => {
+                self.server = server(&self.options, &self.weather);
+                self.reset();
+                self.absence = Some(Absence::Gone(seconds.into()));
+                return false;
+            }
+            None => {}
+        }
+        true
+    }
+
+    /// Ends a frame of this length: moves the helicopter and passes each datagram that is due to `send`.
+    pub fn end_frame(&mut self, frame_s: f64, mut send: impl FnMut(SocketAddr, &[u8])) {
+        let controls = self.server.take_controls();
+        let simulated_s = self.server.simulated_s(frame_s);
+        if simulated_s > 0.0 && !self.server.has_crashed() {
+            self.aircraft.advance(controls, simulated_s);
+        }
+        let shown = if self.server.is_in_replay() { self.aircraft.replay() } else { self.aircraft.frame() };
+        let drop_share = self.server.drop_share();
+        let Self { server, random, .. } = self;
+        server.publish(&shown, frame_s, |to, datagram| {
+            if drop_share <= 0.0 || uniform(random) >= drop_share {
+                send(to, datagram);
+            }
+        });
+    }
+
+    fn is_lost(&mut self) -> bool {
+        let share = self.server.drop_share();
+        share > 0.0 && uniform(&mut self.random) < share
+    }
+
+    fn reset(&mut self) {
+        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, self.start));
+    }
+
+    fn place(&mut self, placement: &Placement) {
+        let Placement { latitude_deg, longitude_deg, heading_deg, .. } = *placement;
+        let place = Geodetic::from_degrees(latitude_deg, longitude_deg, self.options.alt_m);
+        let start = (place, heading_deg.to_radians());
+        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, start));
+    }
+}
+
+/// The helicopter at rest at this place, with this heading, rad.
+fn vehicle(
+    options: &StandinOptions,
+    parameters: &Parameters,
+    weather: &Weather,
+    (place, heading_rad): (Geodetic, f64),
+) -> BuiltInVehicle {
+    let start = Start { heading_rad, ..Start::default() };
+    BuiltInVehicle::new(&Origin::new(place), parameters, &start, weather, options.seed, options.id)
+}
+
+/// A simulator that has just started.
+fn server(options: &StandinOptions, weather: &Weather) -> Server {
+    let to_rad = weather.wind_from_rad + PI;
+    let wind_m_s = [weather.wind_m_s * math::sin(to_rad), 0.0, -weather.wind_m_s * math::cos(to_rad)];
+    let surroundings = Surroundings { acf: options.acf.as_str().into(), wind_m_s };
+    let mut server = Server::new(options.version, options.rate, surroundings);
+    server.set_drop_share(options.drop);
+    server
+}
