@@ -10,16 +10,18 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use skein_common::frame::Origin;
+use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{VehicleId, VehicleName};
 use skein_common::scenario::{
-    self, ControlMode, Described, FileKind, Loaded, ModelKind, PlantKind, Scenario, ScenarioError, Source, Written,
+    self, ControlMode, Described, FileKind, Loaded, ModelKind, PlantKind, Scenario, ScenarioError, Source,
+    StartPattern, Written,
 };
 
 use crate::link::Security;
 use crate::link::signature::VerificationKey;
 use crate::plant::builtin::BuiltIn;
-use crate::plant::xplane::{self, XPlane, wire};
+use crate::plant::xplane::wire::{self, prel::Placement};
+use crate::plant::xplane::{self, XPlane};
 use crate::unix;
 pub use security::SecurityTable;
 use skein_core::aircraft::Aircraft;
@@ -333,7 +335,29 @@ impl Node {
         let origin = Origin::new(self.scenario.origin.geodetic());
         let listen = address.map_or(Ipv4Addr::UNSPECIFIED.into(), |address| listen_for(address.ip()));
         let rate_hz = (1.0 / TICK_S).round() as u32;
-        Ok(Box::new(XPlane::new(&origin, address, &self.aircraft.xplane, rate_hz, listen)?))
+        let mut link = XPlane::new(&origin, address, &self.aircraft.xplane, rate_hz, listen)?;
+        if let Some(place) = self.start(&origin) {
+            link.start_at(place);
+        }
+        Ok(Box::new(link))
+    }
+
+    /// Where a simulator has to place the vehicle; nowhere if the scenario leaves it where it is, or if it is flying
+    /// already.
+    fn start(&self, origin: &Origin) -> Option<Placement> {
+        if self.scenario.start.pattern == StartPattern::AsIs || self.flown_s.is_some() {
+            return None;
+        }
+        let start = *starts(&self.scenario).ok()?.get(usize::from(self.id.get()) - 1)?;
+        let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
+        Some(Placement {
+            aircraft: 0,
+            latitude_deg: place.latitude_rad.to_degrees(),
+            longitude_deg: place.longitude_rad.to_degrees(),
+            elevation_m: place.altitude_m,
+            heading_deg: start.heading_rad.to_degrees(),
+            speed_m_s: 0.0,
+        })
     }
 }
 

@@ -217,6 +217,39 @@ pub enum EventKind {
     LawLost,
     /// The external law answers again and flies the vehicle.
     LawBack,
+    /// The simulator does not simulate the vehicle's flight: the agent waits for it without touching the controls.
+    SimulatorStopped(Standstill),
+    /// The simulator delivers frames at another rate than before, frames a second. Fewer than 45 fly the vehicle worse; with
+    /// fewer than `plant.min_frame_rate_hz` it does not take off.
+    FrameRate(u32),
+}
+
+/// Why a simulator does not simulate the flight of its vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub enum Standstill {
+    /// It is paused.
+    Paused,
+    /// It shows a replay.
+    InReplay,
+    /// The aircraft has crashed.
+    Crashed,
+    /// The aircraft was placed elsewhere: by a reset, or because it was loaded again.
+    Placed,
+    /// Another program flies the aircraft.
+    Occupied,
+}
+
+impl std::fmt::Display for Standstill {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Paused => "simulator paused, waits for it",
+            Self::InReplay => "simulator in replay, waits for it",
+            Self::Crashed => "aircraft crashed, waits for its reset",
+            Self::Placed => "aircraft placed elsewhere by its simulator, starts anew",
+            Self::Occupied => "another program flies this aircraft, leaves the controls to it",
+        })
+    }
 }
 
 /// A failure that an agent detected of its own vehicle, from the mildest to the most severe, with the agent's response.
@@ -277,6 +310,8 @@ impl std::fmt::Display for EventKind {
             Self::ControlFault => f.write_str("controller input invalid, last controls held"),
             Self::LawLost => f.write_str("external law unresponsive, fallback law flies"),
             Self::LawBack => f.write_str("external law responds, flies again"),
+            Self::SimulatorStopped(why) => write!(f, "{why}"),
+            Self::FrameRate(rate_hz) => write!(f, "{rate_hz} frames a second"),
         }
     }
 }

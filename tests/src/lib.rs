@@ -17,6 +17,7 @@ pub mod python;
 pub mod tour;
 pub mod variants;
 pub mod wind;
+pub mod wire;
 
 use std::convert::Infallible;
 use std::num::NonZeroUsize;

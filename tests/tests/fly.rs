@@ -10,14 +10,20 @@ use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use clap::{Args, FromArgMatches};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein::endpoints;
 use skein::observe::{Observer, SwarmMessage, TraceSubscription};
 use skein::reach::Reach;
+use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
+use skein_common::id::VehicleId;
 use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Source, load};
 use skein_common::time::SenderStamp;
@@ -532,17 +538,17 @@ fn an_invalid_flight_is_refused_before_any_process_starts() {
 
 /// Flies fifty seconds of the default hover formation and checks its limits. At the end the ring is already spaced
 /// evenly.
-fn flies_the_default_formation(name: &'static str, plant: &str) {
+fn flies_the_default_formation(name: &'static str, plant: &[&str]) {
     let place = Place::new(name);
     let mut command = place.command();
-    command.args(["fly", "--json", "--duration", "50", "--plant", plant, "--out"]).arg(place.out());
+    command.args(["fly", "--json", "--duration", "50", "--plant"]).args(plant).arg("--out").arg(place.out());
     let flown = command.arg("--set").arg(format!("swarm.name={name}")).output().unwrap();
     assert!(flown.status.success(), "{}", String::from_utf8_lossy(&flown.stderr));
     assert_eq!(place.processes(), []);
     let metrics = place.metrics();
     let figure = |key: &str| metrics[key].as_f64().unwrap_or_else(|| panic!("{key} in {metrics:#}"));
     println!(
-        "{plant}: at altitude {:.1} s, in band {:.1} s, least separation {:.1} m, tilt {:.1} deg, step p99 {:.0} us",
+        "{plant:?}: at altitude {:.1} s, in band {:.1} s, least separation {:.1} m, tilt {:.1} deg, step p99 {:.0} us",
         figure("at_altitude_s"),
         figure("in_band_s"),
         figure("min_separation_m"),
@@ -558,10 +564,38 @@ fn flies_the_default_formation(name: &'static str, plant: &str) {
 
 #[test]
 fn a_default_formation_is_flown_by_four_processes_on_the_built_in_model() {
-    flies_the_default_formation("default-builtin", "builtin");
+    flies_the_default_formation("default-builtin", &["builtin"]);
 }
 
 #[test]
 fn a_default_formation_is_flown_by_four_processes_over_the_simulators_protocol() {
-    flies_the_default_formation("default-standin", "standin");
+    flies_the_default_formation("default-standin", &["standin"]);
+}
+
+#[test]
+fn a_default_formation_is_flown_over_slow_irregular_simulators_that_lose_datagrams() {
+    let stop = Arc::new(AtomicBool::new(false));
+    let simulators: Vec<_> = (1..=4_u8).map(|id| slow_simulator(id, stop.clone())).collect();
+    flies_the_default_formation("default-slow", &["xplane", "--xplane", &format!("127.0.0.1:{SLOW_PORT}")]);
+    stop.store(true, Ordering::Relaxed);
+    simulators.into_iter().for_each(|simulator| simulator.join().unwrap());
+}
+
+/// Port of the first slow simulator, outside the range from which the system chooses ports.
+const SLOW_PORT: u16 = 17_300;
+
+/// A simulator of 30 irregular frames a second that loses a datagram in twenty.
+fn slow_simulator(id: u8, stop: Arc<AtomicBool>) -> JoinHandle<()> {
+    let defaults = StandinOptions::augment_args(clap::Command::new("standin")).get_matches_from(["standin"]);
+    let options = StandinOptions {
+        port: SLOW_PORT,
+        id: VehicleId::new(id).unwrap(),
+        rate: 30,
+        jitter: 0.5,
+        drop: 0.05,
+        beacon: false,
+        ..StandinOptions::from_arg_matches(&defaults).unwrap()
+    };
+    let mut simulator = Standin::open(&options).unwrap();
+    std::thread::spawn(move || simulator.run(&stop))
 }

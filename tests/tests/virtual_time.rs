@@ -9,7 +9,7 @@ use skein_common::state::{Membership, PeerStatus};
 use skein_lab::metrics::{Metrics, Report, Run, WALL_CLOCK_KEYS, Wall};
 use skein_lab::study::{Study, measure, summarize};
 use skein_lab::world::World;
-use skein_tests::{scenario, study};
+use skein_tests::{in_parallel, scenario, study, wire};
 
 const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 
@@ -54,19 +54,36 @@ fn keeps(report: &Report, limits: &Limits) {
     assert_eq!(report.collisions, 0, "seed {seed}");
 }
 
+/// The limits of the default hover formation.
+const DEFAULT: Limits = Limits {
+    at_altitude_s: 20.0,
+    in_band_s: 30.0,
+    even_10deg_s: 120.0,
+    even_5deg_s: Some(180.0),
+    radial_rms_m: 2.0,
+    radial_mean_m: [98.0, 103.0],
+    spacing_error_deg: 3.0,
+    nearest_pair_end_m: 135.0,
+};
+
 #[test]
 fn the_default_hover_formation_keeps_its_limits() {
-    let limits = Limits {
-        at_altitude_s: 20.0,
-        in_band_s: 30.0,
-        even_10deg_s: 120.0,
-        even_5deg_s: Some(180.0),
-        radial_rms_m: 2.0,
-        radial_mean_m: [98.0, 103.0],
-        spacing_error_deg: 3.0,
-        nearest_pair_end_m: 135.0,
-    };
-    fly(&study("hover.toml", &[]), 20).iter().for_each(|report| keeps(report, &limits));
+    fly(&study("hover.toml", &[]), 20).iter().for_each(|report| keeps(report, &DEFAULT));
+}
+
+#[test]
+fn over_the_simulators_protocol_it_keeps_them_down_to_20_frames_a_second_and_5_percent_loss() {
+    for cell in wire::cells() {
+        for report in in_parallel(0..3, |seed| wire::fly(seed, cell, 400.0)) {
+            let report = report.unwrap_or_else(|| panic!("{cell:?}: not all vehicles have joined"));
+            if cell.rate >= 20 && cell.drop <= 0.05 {
+                keeps(&report, &DEFAULT);
+            }
+            // Below that it may be worse, and no vehicle is lost.
+            assert_eq!((report.crashes, report.collisions), (0, 0), "{cell:?}, seed {}", report.run.seed);
+            assert!(report.in_band_s.is_some(), "{cell:?}, seed {}", report.run.seed);
+        }
+    }
 }
 
 #[test]

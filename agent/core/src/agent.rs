@@ -18,7 +18,7 @@ use alloc::vec::Vec;
 use nalgebra::Vector2;
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Drops, EventKind, Failure, PeerAge, Trace};
+use skein_common::message::{Drops, EventKind, Failure, PeerAge, Standstill, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -34,6 +34,7 @@ use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario, Wo
 use crate::intent::{Intents, ReceivedIntent};
 use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, SendSchedule};
+use crate::pace::Pace;
 use crate::peers::{Broadcast, Change, PeerEstimate, PeerStateAge, Peers, Received};
 use crate::plant::{Command, GroundTruth, Measurement};
 use crate::random::{self, Purpose};
@@ -84,6 +85,9 @@ pub struct Agent {
     controller: Controller,
     schedule: SendSchedule,
     clock: SteadyClock,
+    pace: Pace,
+    /// Why the simulator does not simulate the flight, if it does not.
+    standstill: Option<Standstill>,
     last: LastStep,
 }
 
@@ -108,6 +112,7 @@ struct OwnEstimate {
 struct LastStep {
     /// The missing data or peers as last reported.
     missing: Option<Condition>,
+    standstill: Option<Standstill>,
     membership: Membership,
     activity: Activity,
     plant_time: Option<PlantTime>,
@@ -145,8 +150,11 @@ impl Agent {
             controller: Controller::new(scenario, rules, trim, aircraft.gains),
             schedule: SendSchedule::new(own, incarnation, &scenario.network),
             clock: SteadyClock::default(),
+            pace: Pace::new(scenario.plant.min_frame_rate_hz),
+            standstill: None,
             last: LastStep {
                 missing: Some(Condition::SimulatorLost),
+                standstill: None,
                 membership: Membership::Joining,
                 activity: Activity::Joining,
                 plant_time: None,
@@ -314,6 +322,12 @@ impl Agent {
         self.peers.did_not_run(for_s);
     }
 
+    /// Reports before the next step why the simulator does not simulate the flight, if it does not. It holds until the next
+    /// report.
+    pub fn simulator_stands_still(&mut self, why: Option<Standstill>) {
+        self.standstill = why;
+    }
+
     /// Messages and measurements dropped so far. The caller adds those dropped outside the core.
     pub fn drops(&self) -> Drops {
         Drops {
@@ -336,17 +350,22 @@ impl Agent {
         if self.diagnosis.is_position_frozen() {
             self.estimator.dead_reckon();
         }
-        let estimate = self.estimator.update(now, inputs.measurement);
+        // What a simulator shows that does not simulate the flight is not the vehicle's state.
+        let measurement = inputs.measurement.filter(|_| self.standstill.is_none());
+        let estimate = self.estimator.update(now, measurement);
         let new = estimate.filter(|_| self.estimator.is_new());
         let before = if new.is_some() { self.last.plant_time.replace(now.plant) } else { None };
         let dt_s = before.map_or(0.0, |before| now.plant.seconds_since(before));
-        let condition = Condition::of_own_data(self.estimator.age_s(now.local), new.is_some());
+        let condition = match self.standstill {
+            Some(_) => Some(Condition::SimulatorStopped),
+            None => Condition::of_own_data(self.estimator.age_s(now.local), new.is_some()),
+        };
         OwnEstimate { now, clock_jumped, estimate, condition, new, dt_s }
     }
 
     /// The diagnosis stage: a failure newly found in the own vehicle.
     fn diagnose(&mut self, own: &OwnEstimate, inputs: &Inputs<'_>) -> Option<Failure> {
-        if own.condition == Some(Condition::SimulatorLost) {
+        if matches!(own.condition, Some(Condition::SimulatorLost | Condition::SimulatorStopped)) {
             // The next measurement may come from a restarted simulator with the rotor at rest.
             self.diagnosis.restart();
         }
@@ -378,6 +397,7 @@ impl Agent {
         let mut events = self.take_orders(inputs);
         events.extend(own.clock_jumped.then_some(EventKind::ClockJumped));
         events.extend(failure.map(EventKind::Failed));
+        events.extend(self.pace.update(own.now.local, own.new.is_some()));
         if conditions.response() == Response::LetGo {
             self.mission.withdraw();
         }
@@ -392,6 +412,7 @@ impl Agent {
             altitude_error_m: output.map(|output| output.altitude_error_m(estimate)),
             collective_limit: self.controller.collective_limit(),
             in_place: output.is_some_and(|output| output.in_place),
+            frames_are_too_few: self.pace.is_too_slow(),
             conditions,
         };
         let task = self.mission.step(own.now, estimate, &view, self.peers.heartbeats(), &mut events);
@@ -488,8 +509,13 @@ impl Agent {
 
     /// Compares with the last step and reports the changes.
     fn report_changes(&mut self, conditions: Conditions, estimate: Option<Estimate>, events: &mut Vec<EventKind>) {
-        const MISSING: [Condition; 3] = [Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
-        let is_blind = |missing| matches!(missing, Some(Condition::SimulatorLost | Condition::OwnDataStale));
+        const MISSING: [Condition; 4] =
+            [Condition::SimulatorStopped, Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
+        const BLIND: [Condition; 3] = [Condition::SimulatorStopped, Condition::SimulatorLost, Condition::OwnDataStale];
+        let is_blind = |missing: Option<Condition>| missing.is_some_and(|missing| BLIND.contains(&missing));
+        if self.standstill != self.last.standstill {
+            events.extend(self.standstill.map(EventKind::SimulatorStopped));
+        }
         let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
         let was_blind = is_blind(self.last.missing);
         if missing != self.last.missing {
@@ -515,6 +541,7 @@ impl Agent {
         // The estimate of the last step was needed up to here: the first data ever are not reported as back.
         self.last.estimate = estimate;
         self.last.missing = missing;
+        self.last.standstill = self.standstill;
         self.last.membership = membership;
         self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };
     }

@@ -28,7 +28,8 @@ pub struct Row {
 }
 
 /// Every condition once, by descending priority. Without any of them the vehicle flies on.
-pub const TABLE: [Row; 11] = [
+pub const TABLE: [Row; 12] = [
+    row(Condition::SimulatorStopped, Response::LetGo),
     row(Condition::SimulatorLost, Response::LetGo),
     row(Condition::OwnDataStale, Response::Neutral),
     row(Condition::FrameLate, Response::KeepControls),
@@ -45,6 +46,9 @@ pub const TABLE: [Row; 11] = [
 /// An item that is missing or broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Condition {
+    /// The simulator says that it does not simulate the flight: it is paused, shows a replay, or has placed the aircraft
+    /// elsewhere.
+    SimulatorStopped,
     /// The own data are older than [`Deadline::SimulatorLost`], or were never received.
     SimulatorLost,
     /// The own data are older than [`Deadline::OwnDataStale`].

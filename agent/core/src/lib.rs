@@ -42,6 +42,7 @@ mod lanes;
 pub mod mission;
 pub mod neighbourhood;
 pub mod outbox;
+mod pace;
 pub mod peers;
 pub mod plant;
 pub mod point_mass;

@@ -66,6 +66,8 @@ pub struct View {
     pub in_place: bool,
     /// Whether another team keeps this one from its next step.
     pub is_next_taken: bool,
+    /// Whether the simulator delivers too few frames for a take-off.
+    pub frames_are_too_few: bool,
 }
 
 /// The mission stage of one vehicle.
@@ -223,7 +225,8 @@ impl Mission {
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
             self.catch_up(&others, heartbeats.clone());
         }
-        if self.membership() == Membership::Joining && has_listened && self.is_rotor_ready(estimate) {
+        let may_fly = self.is_rotor_ready(estimate) && (!view.frames_are_too_few || estimate.height_m > FLYING_ABOVE_M);
+        if self.membership() == Membership::Joining && has_listened && may_fly {
             self.agreement.set_membership(Membership::Active);
         }
         self.decide(now, estimate, view, heartbeats, happened)

@@ -7,6 +7,7 @@ use core::time::Duration;
 
 use nalgebra::Vector2;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
+use skein_common::message::Standstill;
 use skein_common::time::PlantTime;
 
 /// Positions of the pilot's controls. The same numbers drive the built-in helicopter and X-Plane's overrides.
@@ -151,4 +152,9 @@ pub trait Plant: Send {
 
     /// Number of datagrams that were dropped because their sender is not the simulator.
     fn foreign(&self) -> u64;
+
+    /// Why the simulator does not simulate the flight now, if it says so. A plant that cannot stand still never does.
+    fn standstill(&mut self) -> Option<Standstill> {
+        None
+    }
 }

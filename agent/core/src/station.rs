@@ -13,7 +13,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::Trace;
+use skein_common::message::{Standstill, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -230,6 +230,12 @@ impl Station {
     /// Reports before the next step that the PC did not run this agent for `for_s`.
     pub fn did_not_run(&mut self, for_s: f64) {
         self.agent.did_not_run(for_s);
+    }
+
+    /// Reports before the next step why the simulator does not simulate the flight, if it does not. It holds until the next
+    /// report.
+    pub fn simulator_stands_still(&mut self, why: Option<Standstill>) {
+        self.agent.simulator_stands_still(why);
     }
 
     /// Counts of all messages by their delivery; `None` if the scenario has no impairments.

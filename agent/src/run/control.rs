@@ -120,6 +120,7 @@ impl Control {
         let answer = self.law.as_ref().and_then(LiveLaw::answer);
         let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
         let (leave, in_place) = (self.stop.is_requested(), InPlace { answer: answer.as_ref(), ..InPlace::default() });
+        self.station.simulator_stands_still(self.plant.standstill());
         let Outputs { command, outbox, ask } =
             self.station.step(true_time, plant, leave, in_place, &mut kept.workspace);
         if let Some(command) = command {

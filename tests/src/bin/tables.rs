@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use skein_tests::{
     central, central_summary, conversion, divergence, faults, fit, fleets, formation_error, golden, halves, laws, tour,
-    variants, wind,
+    variants, wind, wire,
 };
 
 /// Flies many swarms in virtual time and prints their figures
@@ -55,6 +55,9 @@ enum Table {
     Wind,
     /// The shipped hover in 0 to 18 m/s of wind
     WindHover,
+    /// The shipped hover over X-Plane's protocol in virtual time, at 15 to 100 frames a second, with irregular frames and
+    /// lost datagrams
+    Wire,
 }
 
 fn main() -> ExitCode {
@@ -78,6 +81,7 @@ fn main() -> ExitCode {
             Table::Conversion => conversion::markdown(seeds),
             Table::Fit => fit::table(20, seeds),
             Table::Fleets => fleets::table(seeds),
+            Table::Wire => wire::table(seeds),
             Table::Faults => faults::table(&[4, 8], seeds),
             Table::Halves => halves::table(seeds),
             Table::Golden => write_golden(),

@@ -11,23 +11,30 @@
 
 mod clock;
 mod controls;
+mod holder;
 mod session;
+mod start;
 
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
+use skein_common::math::{cos, hypot};
+use skein_common::message::Standstill;
 
 use super::convert;
+use super::wire::prel::Placement;
 use super::wire::rpos::{self, Position};
 use super::wire::{WireError, rref};
 use clock::Clock;
 use controls::ControlWriter;
+use holder::Holder;
 pub use session::Indices;
-use session::{Provenance, Sender, Senders, Value};
-use skein_core::aircraft::{Dataref, Profile};
+use session::{METRES_PER_DEGREE, Provenance, Sender, Senders, TOP_SPEED_M_S, Value, wrap_deg};
+use skein_core::aircraft::Profile;
 use skein_core::plant::{Command, Controls, Frame};
+use start::Start;
 
 /// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);
@@ -40,6 +47,9 @@ const STALE: Duration = Duration::from_secs(1);
 /// The release is sent several times, because X-Plane does not acknowledge it and a lost one would leave the pilot
 /// without control.
 const RELEASE_REPEATS: u32 = 3;
+
+/// Distance between two frames, beyond what the fastest aircraft flies, above which it was placed, m.
+const PLACED_BEYOND_M: f64 = 5.0;
 
 /// Takes a datagram and sends it to the simulator.
 pub type Send<'a> = &'a mut dyn FnMut(&[u8]);
@@ -62,6 +72,8 @@ pub struct Counters {
     pub gaps: u64,
     /// Positions that came while the simulator's time was stopped.
     pub frozen_frames: u64,
+    /// Commands that were not sent because another program flies the aircraft.
+    pub withheld_commands: u64,
     /// Commands outside the controls' travel, which were not sent.
     pub refused_commands: u64,
     /// Socket errors, including those because the simulator is not up; a client without a socket has none.
@@ -72,11 +84,20 @@ pub struct Counters {
 pub struct Client {
     origin: Origin,
     rate_hz: u32,
-    rotor_speed_rpm: Dataref,
+    profile: Profile,
     indices: Indices,
     senders: Senders,
     controls: ControlWriter,
     clock: Clock,
+    holder: Holder,
+    /// Where the aircraft has to be placed before its flight.
+    start: Option<Start>,
+    is_paused: bool,
+    is_in_replay: bool,
+    has_crashed: bool,
+    /// The position of the last frame, and whether that frame was too far from the one before to have been flown.
+    place: Option<(Position, Instant)>,
+    was_placed: bool,
     /// When the rotor speed arrived, and its value in revolutions per minute.
     pub(super) rotor_speed: Option<(Instant, f32)>,
     version: Option<u32>,
@@ -99,11 +120,18 @@ impl Client {
         Ok(Self {
             origin: *origin,
             rate_hz: rate_hz.max(1),
-            rotor_speed_rpm: profile.rotor_speed_rpm.clone(),
-            indices,
+            profile: profile.clone(),
             senders: Senders::default(),
             controls: ControlWriter::new(profile)?,
             clock: Clock::new(),
+            holder: Holder::new(indices.first().unsigned_abs()),
+            indices,
+            start: None,
+            is_paused: false,
+            is_in_replay: false,
+            has_crashed: false,
+            place: None,
+            was_placed: false,
             rotor_speed: None,
             version: None,
             position: None,
@@ -115,6 +143,11 @@ impl Client {
         })
     }
 
+    /// From now on places the aircraft, if it is on the ground elsewhere, before its flight.
+    pub fn start_at(&mut self, place: Placement) {
+        self.start = Some(Start::at(place));
+    }
+
     /// X-Plane's version number, once received: 121400 is 12.1.4.
     pub fn version(&self) -> Option<u32> {
         self.version
@@ -122,7 +155,19 @@ impl Client {
 
     /// Whether the simulator reports that it is paused.
     pub fn is_paused(&self) -> bool {
-        self.clock.is_paused()
+        self.is_paused
+    }
+
+    /// Why the simulator does not simulate this program's flight, if it does not.
+    pub fn standstill(&mut self, now: Instant) -> Option<Standstill> {
+        let reasons = [
+            (self.is_in_replay, Standstill::InReplay),
+            (self.is_paused, Standstill::Paused),
+            (self.has_crashed, Standstill::Crashed),
+            (self.holder.is_other(now), Standstill::Occupied),
+            (self.was_placed || self.start.is_some(), Standstill::Placed),
+        ];
+        reasons.into_iter().find_map(|(is_so, why)| is_so.then_some(why))
     }
 
     /// Last measured rate, simulated seconds per local second; 1 until measured.
@@ -154,6 +199,18 @@ impl Client {
             self.subscribe(self.rate_hz, 1, send);
             self.last_subscribed = Some(now);
         }
+        self.place(now, send);
+    }
+
+    /// Places the aircraft if that is due.
+    fn place(&mut self, now: Instant, send: Send<'_>) {
+        let (Some(start), Some((position, _))) = (&mut self.start, &self.place) else { return };
+        if start.is_over(position) {
+            self.start = None;
+        } else if let Some(placement) = start.due(position, now) {
+            placement.encode(&mut self.outgoing);
+            send(&self.outgoing);
+        }
     }
 
     /// Requests the position and the values; rates of zero end the subscription. A lost request is repeated later.
@@ -162,7 +219,8 @@ impl Client {
         send(&self.outgoing);
         for value in Value::ALL {
             let frequency_hz = if value == Value::Version { slow_hz } else { rate_hz };
-            let (index, path) = (self.indices.of(value), value.path(&self.rotor_speed_rpm));
+            let Some(path) = value.path(&self.profile) else { continue };
+            let index = self.indices.of(value);
             if (rref::DatarefRequest { frequency_hz, index, path }).encode(&mut self.outgoing).is_ok() {
                 send(&self.outgoing);
             }
@@ -220,13 +278,18 @@ impl Client {
             match self.indices.value(index) {
                 _ if !value.is_finite() => self.counters.malformed += 1,
                 Some(Value::RunningTime) => self.clock.running_time(now, value),
-                Some(Value::Paused) => self.clock.set_paused(value != 0.0),
+                Some(Value::Paused) => self.is_paused = value != 0.0,
+                Some(Value::InReplay) => self.is_in_replay = value != 0.0,
+                Some(Value::Crashed) => self.has_crashed = value != 0.0,
+                Some(Value::Override) => self.holder.overridden(value != 0.0),
+                Some(Value::Roll) => self.holder.read(value, now),
                 Some(Value::RotorSpeed) => self.rotor_speed = Some((now, value)),
                 Some(Value::Version) => self.version = Some(value as u32),
                 Some(part) => self.senders.place(part, value, now),
                 None => {}
             }
         }
+        self.clock.set_paused(self.is_paused || self.is_in_replay);
         Ok(())
     }
 
@@ -264,6 +327,7 @@ impl Client {
             self.counters.frozen_frames += 1;
             return None;
         };
+        self.was_placed = self.place.replace((position, at)).is_some_and(|last| is_elsewhere(last, (position, at)));
         self.counters.frames += 1;
         Some(Frame { time, truth: convert::truth(&measurement, &self.origin), measurement })
     }
@@ -274,10 +338,15 @@ impl Client {
             self.counters.refused_commands += 1;
             return;
         };
+        if self.holder.is_other(now) || self.holder.is_unknown(now) {
+            self.counters.withheld_commands += 1;
+            return;
+        }
         if self.overrides_confirmed.is_none_or(|at| now >= at + CONFIRM_OVERRIDES) {
             self.controls.take(send);
             self.overrides_confirmed = Some(now);
         }
+        self.holder.wrote(controls.roll as f32);
         self.controls.set(controls, send);
     }
 
@@ -295,3 +364,20 @@ impl Client {
         }
     }
 }
+
+/// Whether an aircraft cannot have flown from one of these positions to the other: it was placed there.
+fn is_elsewhere((from, at): (Position, Instant), (to, now): (Position, Instant)) -> bool {
+    let along_m = distance_m((from.latitude_deg, from.longitude_deg), (to.latitude_deg, to.longitude_deg));
+    let moved_m = hypot(along_m, to.elevation_m - from.elevation_m);
+    moved_m > PLACED_BEYOND_M + TOP_SPEED_M_S * now.saturating_duration_since(at).as_secs_f64()
+}
+
+/// Distance between two places, latitude and longitude in degrees, m; exact enough for places a few kilometres apart.
+fn distance_m((latitude_deg, longitude_deg): (f64, f64), (to_latitude_deg, to_longitude_deg): (f64, f64)) -> f64 {
+    let north_m = METRES_PER_DEGREE * (to_latitude_deg - latitude_deg);
+    let turn_deg = wrap_deg(to_longitude_deg - longitude_deg);
+    hypot(north_m, METRES_PER_DEGREE * cos(latitude_deg.to_radians()) * turn_deg)
+}
+
+#[cfg(test)]
+mod tests;

@@ -9,10 +9,12 @@ use std::time::{Duration, Instant};
 
 use ring::rand::{SecureRandom, SystemRandom};
 use skein_common::frame::Origin;
+use skein_common::message::Standstill;
 use skein_host::clock::now;
 
 use super::client::{Client, Counters, Indices};
 use super::socket::{Port, Received};
+use super::wire::prel::Placement;
 use super::wire::{PORT, WireError};
 use beacon::Search;
 use skein_core::aircraft::Profile;
@@ -92,6 +94,11 @@ impl XPlane {
             search,
             malformed_beacons: 0,
         })
+    }
+
+    /// From now on places the aircraft, if it is on the ground elsewhere, before its flight.
+    pub fn start_at(&mut self, place: Placement) {
+        self.client.start_at(place);
     }
 
     /// Address of the simulator, once known.
@@ -181,6 +188,10 @@ impl Plant for XPlane {
 
     fn foreign(&self) -> u64 {
         self.client.counters().foreign
+    }
+
+    fn standstill(&mut self) -> Option<Standstill> {
+        self.client.standstill(now())
     }
 }
 

@@ -134,8 +134,7 @@ impl Server {
             Some(&rpos::TAG) => self.subscribe_position(datagram, from).map(|()| None),
             Some(&rref::TAG) => self.subscribe_value(datagram, from).map(|()| None),
             Some(&dref::TAG) => self.write(datagram),
-            Some(&prel::TAG) => Placement::decode(datagram)
-                .map(|placement| (placement.aircraft == 0).then_some(Order::Place(placement))),
+            Some(&prel::TAG) => Placement::decode(datagram).map(|placement| self.place(placement)),
             Some(&operation::CMND) => Command::decode(datagram).map(|command| self.run(command)),
             Some(&rows::TAG) => rows::decode_rows(datagram).map(|rows| {
                 self.has_collective |= output::write(&rows, &mut self.settings);
@@ -158,6 +157,14 @@ impl Server {
                 tracing::debug!(malformed = self.malformed, %from, "ignored a datagram: {error}");
             }
             None
+        })
+    }
+
+    /// A placement begins a new flight, in which nobody has the controls yet.
+    fn place(&mut self, placement: Placement) -> Option<Order> {
+        (placement.aircraft == 0).then(|| {
+            self.give_back();
+            Order::Place(placement)
         })
     }
 

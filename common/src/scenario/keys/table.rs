@@ -71,6 +71,9 @@ pub const KEYS: &[Key] = &[
     key("plant.model", OneOf(&["helicopter", "point_mass"]), text("helicopter"),
         "what the built-in plant simulates: the helicopter of the aircraft file, or a point that follows velocities (\"point_mass\"), \
          for studies of laws at scale; a helicopter is nearer to flight"),
+    key("plant.min_frame_rate_hz", from(0.0, 50.0), number(20.0),
+        "frame rate below which a vehicle does not take off, 0 for none; Garcia & Barnes 2010 refuse less than 20 Hz, and X-Plane slows \
+         its time below 19 Hz"),
     key("plant.point_mass.max_speed_m_s", above_zero(100.0), number(10.0),
         "largest horizontal speed of a point mass; 10 m/s are above the 7.5 m/s that a formation commands beside its centre's speed"),
     key("plant.point_mass.max_climb_m_s", above_zero(50.0), number(2.5),

@@ -19,6 +19,8 @@ pub enum PlantKind {
 pub struct VehicleModel {
     /// What the built-in plant simulates.
     pub model: ModelKind,
+    /// Frames a second below which a vehicle does not take off.
+    pub min_frame_rate_hz: f64,
     /// Limits and lags of a point mass.
     pub point_mass: PointMassLimits,
 }

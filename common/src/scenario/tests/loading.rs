@@ -116,7 +116,7 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("sensing.correlation_s", r#""none""#, None),
         ("sensing.noise.position_m", "0.0", None), ("sensing.noise.rate_deg_s", "0.0", None),
         ("sensing.bias.position_m", "0.0", None), ("sensing.bias.rate_deg_s", "0.0", None),
-        ("plant.model", r#""helicopter""#, None), ("plant.point_mass.max_speed_m_s", "10.0", None),
+        ("plant.model", r#""helicopter""#, None), ("plant.min_frame_rate_hz", "20.0", None), ("plant.point_mass.max_speed_m_s", "10.0", None),
         ("plant.point_mass.max_climb_m_s", "2.5", None), ("plant.point_mass.max_acceleration_m_s2", "3.0", None),
         ("plant.point_mass.lag_s", "1.0", None), ("plant.point_mass.max_turn_deg_s", "60.0", None),
         ("plant.point_mass.turn_lag_s", "0.2", None),

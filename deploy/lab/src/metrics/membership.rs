@@ -151,6 +151,7 @@ impl Membership {
             EventKind::Failed(_)
             | EventKind::OwnDataStale
             | EventKind::SimulatorLost
+            | EventKind::SimulatorStopped(_)
             | EventKind::ControlFault
             | EventKind::ClockJumped => {
                 for (_, since_s) in self.failed.extract_if(.., |(failed, _)| *failed == sender) {

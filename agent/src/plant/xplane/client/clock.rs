@@ -51,16 +51,12 @@ impl Clock {
         moved.then_some(time)
     }
 
-    /// Takes a value of `sim/time/paused`.
+    /// Reports that the simulator's time stands still, or that it runs.
     pub(super) fn set_paused(&mut self, paused: bool) {
         if paused != self.paused {
             self.paused = paused;
             self.mark = None;
         }
-    }
-
-    pub(super) fn is_paused(&self) -> bool {
-        self.paused
     }
 
     /// Takes a value of `sim/time/total_running_time_sec`, which arrived at `at`. A value below the previous one comes

@@ -4,8 +4,8 @@
 //! Two facts still identify its datagrams:
 //!
 //! * A reply to a dataref request (RREF) echoes the request's index. Each session draws its indices at random, so only
-//!   the queried simulator knows them. A datagram of 183 guesses contains three of seven indices out of 2³¹ with
-//!   probability 2·10⁻²⁰.
+//!   the queried simulator knows them. A datagram of 183 guesses contains three of eleven indices out of 2³¹ with
+//!   probability 10⁻¹⁹.
 //! * A position (RPOS) echoes nothing. It is the simulator's if it comes from the same port as values with our indices.
 //!   A simulator that sends the two kinds from different ports is recognised by agreement: its positions agree with the
 //!   latitude, longitude and elevation that came with our indices, and those of no other port do. Once recognised, the
@@ -20,7 +20,7 @@ use skein_common::math::cos;
 
 use super::{RESUBSCRIBE_SILENT, STALE};
 use crate::plant::xplane::wire::rpos::Position;
-use skein_core::aircraft::Dataref;
+use skein_core::aircraft::Profile;
 
 /// Number of our indices that proves a datagram in spite of foreign indices in it: too many to be guessed.
 const PROOF_COUNT: u32 = 3;
@@ -32,9 +32,9 @@ const FRESH: Duration = Duration::from_millis(250);
 const TRIAL: Duration = RESUBSCRIBE_SILENT.saturating_add(Duration::from_millis(500));
 
 /// Length of a degree of latitude, m.
-const METRES_PER_DEGREE: f64 = 111_320.0;
+pub(super) const METRES_PER_DEGREE: f64 = 111_320.0;
 /// Highest speed of a position that widens the tolerance, m/s; no helicopter flies faster.
-const TOP_SPEED_M_S: f64 = 100.0;
+pub(super) const TOP_SPEED_M_S: f64 = 100.0;
 /// Tolerance for motion that the speed does not cover, m. An acceleration of 2 g over 270 ms, the longest time between
 /// a fresh value and a position, amounts to 0.7 m.
 const MARGIN_M: f64 = 1.0;
@@ -44,6 +44,10 @@ const MARGIN_M: f64 = 1.0;
 pub(super) enum Value {
     RunningTime,
     Paused,
+    InReplay,
+    Crashed,
+    Override,
+    Roll,
     RotorSpeed,
     Version,
     Latitude,
@@ -52,9 +56,13 @@ pub(super) enum Value {
 }
 
 impl Value {
-    pub(super) const ALL: [Self; 7] = [
+    pub(super) const ALL: [Self; 11] = [
         Self::RunningTime,
         Self::Paused,
+        Self::InReplay,
+        Self::Crashed,
+        Self::Override,
+        Self::Roll,
         Self::RotorSpeed,
         Self::Version,
         Self::Latitude,
@@ -62,17 +70,21 @@ impl Value {
         Self::Elevation,
     ];
 
-    /// Path of the value's dataref; the aircraft's profile gives that of the rotor speed.
-    pub(super) fn path(self, rotor_speed_rpm: &Dataref) -> &str {
-        match self {
+    /// Path of the value's dataref, `None` if the aircraft's profile has none.
+    pub(super) fn path(self, profile: &Profile) -> Option<&str> {
+        Some(match self {
             Self::RunningTime => "sim/time/total_running_time_sec",
             Self::Paused => "sim/time/paused",
-            Self::RotorSpeed => rotor_speed_rpm.as_str(),
+            Self::InReplay => "sim/time/is_in_replay",
+            Self::Crashed => "sim/flightmodel2/misc/has_crashed",
+            Self::Override => profile.overrides.first()?.as_str(),
+            Self::Roll => profile.roll.as_str(),
+            Self::RotorSpeed => profile.rotor_speed_rpm.as_str(),
             Self::Version => "sim/version/xplane_internal_version",
             Self::Latitude => "sim/flightmodel/position/latitude",
             Self::Longitude => "sim/flightmodel/position/longitude",
             Self::Elevation => "sim/flightmodel/position/elevation",
-        }
+        })
     }
 }
 
@@ -95,6 +107,11 @@ impl Indices {
                 return Some(Self(indices));
             }
         }
+    }
+
+    /// A number that nobody else can know.
+    pub(super) fn first(&self) -> i32 {
+        self.0[0]
     }
 
     pub(super) fn of(&self, value: Value) -> i32 {
@@ -187,7 +204,7 @@ impl Senders {
             Value::Latitude => 0,
             Value::Longitude => 1,
             Value::Elevation => 2,
-            Value::RunningTime | Value::Paused | Value::RotorSpeed | Value::Version => return,
+            _ => return,
         };
         self.place[part] = Some((at, value));
     }
@@ -296,7 +313,7 @@ fn excess(difference: f64, value: f32) -> f64 {
     (difference.abs() - step).max(0.0)
 }
 
-fn wrap_deg(degrees: f64) -> f64 {
+pub(super) fn wrap_deg(degrees: f64) -> f64 {
     (degrees + 180.0).rem_euclid(360.0) - 180.0
 }
 

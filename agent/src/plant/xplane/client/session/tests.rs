@@ -73,7 +73,7 @@ fn indices_are_distinct_and_of_one_session_only() {
 
 #[test]
 fn only_the_queried_simulator_knows_the_indices() {
-    let indices = Indices([5, 900, 17, 4000, 1000, 2000, 3000]);
+    let indices = Indices([5, 900, 17, 4000, 1000, 2000, 3000, 6000, 7000, 8000, 9000]);
     let assess = |answer: &[i32]| indices.assess(answer.iter().copied());
     assert_eq!(assess(&[5, 900, 17, 1000]), Provenance::Proof);
     assert_eq!(assess(&[5, 900, 17, 1]), Provenance::Proof, "with a subscription of an earlier program on this port");
