@@ -17,6 +17,7 @@ use skein_agent::config::{Node, PlantChoice};
 use skein_agent::link::{Security, Sessions};
 use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
+use skein_agent::plant::xplane::wire::prel::Placement;
 use skein_agent::plant::xplane::wire::rpos::{self, Position};
 use skein_agent::plant::xplane::wire::rref;
 use skein_agent::run::{self, Stop};
@@ -109,8 +110,9 @@ impl Meddler {
     /// Checks that the agent sends whole messages only, and that every control is finite and within its travel.
     fn check(&self, datagram: &[u8]) {
         let Ok(DrefWrite { path, value }) = DrefWrite::decode(datagram) else {
-            let is_request =
-                rpos::PositionRequest::decode(datagram).is_ok() || rref::DatarefRequest::decode(datagram).is_ok();
+            let is_request = rpos::PositionRequest::decode(datagram).is_ok()
+                || rref::DatarefRequest::decode(datagram).is_ok()
+                || Placement::decode(datagram).is_ok();
             assert!(is_request, "{datagram:?}");
             return;
         };
