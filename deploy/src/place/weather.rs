@@ -171,7 +171,7 @@ fn off(found: (f64, f64), wanted: (f64, f64)) -> f64 {
     math::hypot(found.0 - wanted.0, found.1 - wanted.1)
 }
 
-/// A wind that blows towards east and south, in words.
+/// A wind that blows towards east and south, as a text.
 fn described((east_m_s, south_m_s): (f64, f64)) -> String {
     let from_deg = math::atan2(-east_m_s, south_m_s).to_degrees().rem_euclid(360.0);
     match math::hypot(east_m_s, south_m_s) {

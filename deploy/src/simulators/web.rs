@@ -158,11 +158,6 @@ impl WebApi {
         Ok(self.get(&format!("{}/datarefs/{id}/value", self.version()))?["data"].take())
     }
 
-    /// A number; `None` if the dataref does not exist or is none.
-    pub(crate) fn number(&self, name: &str) -> Option<f64> {
-        self.read(name).ok()?.as_f64()
-    }
-
     /// A text that X-Plane keeps as bytes, up to its end.
     pub(crate) fn text(&self, name: &str) -> Option<String> {
         use base64::Engine;

@@ -92,7 +92,7 @@ impl BuiltInVehicle {
         Some((self.controls?, self.air.advance(self.helicopter.height_m())))
     }
 
-    /// From now on this weather prevails; the gusts go on from where they are.
+    /// From now on this weather prevails; the gusts continue from where they are.
     pub fn set_weather(&mut self, weather: &Weather) {
         self.air.set_weather(weather);
     }

@@ -60,7 +60,7 @@ impl LocalWind {
         }
     }
 
-    /// From now on this weather prevails; the gusts go on from where they are.
+    /// From now on this weather prevails; the gusts continue from where they are.
     pub(super) fn set_weather(&mut self, weather: &Weather) {
         self.weather = *weather;
         self.along = along(weather);

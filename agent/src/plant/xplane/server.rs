@@ -13,6 +13,7 @@ mod clients;
 mod commands;
 mod datarefs;
 mod output;
+mod settings;
 mod weather;
 mod web;
 
@@ -27,8 +28,9 @@ use super::wire::{WireError, radr, rows, rpos, rref};
 use clients::Clients;
 pub use commands::{Action, COMMANDS, CommandEntry};
 pub use datarefs::{DEFAULT_ACF, Dataref, Surroundings, ValueType};
-use datarefs::{Handle, Setting, Settings, Situation, reference_below};
+use datarefs::{Handle, Situation, reference_below};
 use output::{Radar, Rows};
+use settings::{Setting, Settings};
 use skein_common::frame::Origin;
 use skein_core::plant::{Controls, Frame};
 pub use weather::{MOST_TURBULENT, SEVERE_W20_M_S};

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::settings::{ENGINES, Setting, Settings};
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
 use crate::plant::xplane::wire::rpos::Position;
 use skein_common::frame::{Geodetic, Origin};
@@ -12,8 +13,6 @@ use skein_core::plant::Frame;
 
 /// Number of layers of wind in X-Plane 12; X-Plane 11 has three.
 const LAYERS: usize = 13;
-/// Number of elements of a per-engine array since X-Plane 12; X-Plane 11 has eight.
-const ENGINES: usize = 16;
 /// Length of a text, whose bytes are read one by one.
 const TEXT: usize = 512;
 
@@ -81,119 +80,6 @@ impl Situation {
             version,
             is_paused: false,
         }
-    }
-}
-
-/// A dataref that can be written and keeps its value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Setting {
-    OverrideJoystick,
-    OverrideRoll,
-    OverridePitch,
-    OverrideYaw,
-    Roll,
-    Pitch,
-    Yaw,
-    Collective,
-    Throttle,
-    Governor,
-    DataRate,
-    RandomFailures,
-    Speed,
-    DropShare,
-    Freeze,
-    Restart,
-    Replay,
-    Crash,
-    MoveOrigin,
-    ChangeMode,
-    UpdateImmediately,
-    Variability,
-    LayerAltitude,
-    LayerSpeed,
-    LayerFrom,
-    LayerTurbulence,
-    LayerShear,
-    RealWeather,
-    LayerAltitude11,
-    LayerSpeed11,
-    LayerFrom11,
-    LayerTurbulence11,
-    LayerShear11,
-}
-
-impl Setting {
-    const COUNT: usize = Self::LayerShear11 as usize + 1;
-
-    /// The number that X-Plane stores when this one is written.
-    fn stored_value(self, value: f32) -> f32 {
-        match self {
-            // These are integers, so the fraction is cut off.
-            Self::OverrideJoystick
-            | Self::OverrideRoll
-            | Self::OverridePitch
-            | Self::OverrideYaw
-            | Self::Governor
-            | Self::RandomFailures => value.trunc(),
-            Self::Roll | Self::Pitch | Self::Yaw => value.clamp(-1.0, 1.0),
-            Self::Collective | Self::Throttle => value.clamp(0.0, 1.0),
-            Self::DataRate => value.trunc().clamp(1.0, 99.0),
-            Self::Speed => value.clamp(0.05, 16.0),
-            // An order to lose no more datagrams must arrive.
-            Self::DropShare => value.clamp(0.0, 0.95),
-            Self::Freeze | Self::Restart => value.clamp(0.0, 60.0),
-            Self::Replay | Self::Crash | Self::MoveOrigin => f32::from(value != 0.0),
-            Self::UpdateImmediately | Self::RealWeather => f32::from(value != 0.0),
-            Self::ChangeMode => value.trunc().clamp(0.0, 7.0),
-            Self::Variability => value.clamp(0.0, 1.0),
-            Self::LayerAltitude | Self::LayerAltitude11 => value.clamp(-500.0, 60_000.0),
-            Self::LayerSpeed | Self::LayerShear => value.clamp(0.0, 100.0),
-            Self::LayerSpeed11 | Self::LayerShear11 => value.clamp(0.0, 200.0),
-            Self::LayerFrom | Self::LayerFrom11 => value.rem_euclid(360.0),
-            Self::LayerTurbulence | Self::LayerTurbulence11 => value.clamp(0.0, 10.0),
-        }
-    }
-}
-
-/// Values of all settings, element by element.
-#[derive(Clone, Debug)]
-pub(super) struct Settings([[f32; ENGINES]; Setting::COUNT]);
-
-impl Settings {
-    /// A helicopter with a running engine, the collective down and free controls.
-    pub(super) fn new() -> Self {
-        let mut settings = Self([[0.0; ENGINES]; Setting::COUNT]);
-        settings.0[Setting::Throttle as usize] = [1.0; ENGINES];
-        settings.0[Setting::Governor as usize] = [1.0; ENGINES];
-        settings.0[Setting::DataRate as usize] = [20.0; ENGINES];
-        settings.0[Setting::Speed as usize] = [1.0; ENGINES];
-        settings
-    }
-
-    /// Takes these settings over from another state, all elements.
-    pub(super) fn keep(&mut self, old: &Self, kept: &[Setting]) {
-        for &setting in kept {
-            self.0[setting as usize] = old.0[setting as usize];
-        }
-    }
-
-    /// Sets all elements.
-    pub(super) fn set_all(&mut self, setting: Setting, value: f32) {
-        self.0[setting as usize] = [setting.stored_value(value); ENGINES];
-    }
-
-    /// Value of the setting's first element.
-    pub(super) fn first(&self, setting: Setting) -> f32 {
-        self.0[setting as usize][0]
-    }
-
-    pub(super) fn set_first(&mut self, setting: Setting, value: f32) {
-        self.0[setting as usize][0] = value;
-    }
-
-    /// Stores what a client writes into an element.
-    pub(super) fn store(&mut self, setting: Setting, element: usize, value: f32) {
-        self.0[setting as usize][element] = setting.stored_value(value);
     }
 }
 
@@ -432,7 +318,7 @@ impl Handle {
         match self.dataref.source {
             Source::Computed(value) if self.element == 0 => value(situation),
             Source::Computed(_) => 0.0,
-            Source::Kept(setting) => settings.0[setting as usize][self.element].into(),
+            Source::Kept(setting) => settings.get(setting, self.element).into(),
             Source::Text(text) => text(situation).as_bytes().get(self.element).map_or(0.0, |&byte| byte.into()),
             Source::All(setting) | Source::Read(setting) => settings.first(setting).into(),
         }

@@ -1,11 +1,11 @@
 //! The weather that clients write: datarefs of X-Plane 12's region and those of X-Plane 11, as the built-in helicopter's
 //! wind and gusts.
 
-use super::datarefs::{Setting, Settings};
+use super::settings::{Setting, Settings};
 use super::{Server, Version};
 use skein_core::helicopter::Weather;
 
-/// X-Plane 12 takes written weather over at this interval, s, unless it is told to do so at once.
+/// X-Plane 12 takes written weather over at this interval, s, unless `update_immediately` is written.
 const UPDATE_EVERY_S: u64 = 60;
 /// Wind speed W20 of severe turbulence, m/s, which is the top of X-Plane's scale. X-Plane does not say what its scale
 /// means in any unit: this is our reading of it.

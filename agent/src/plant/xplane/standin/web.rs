@@ -9,6 +9,7 @@
 
 mod active;
 mod flight;
+mod ids;
 mod rest;
 mod socket;
 mod values;

@@ -64,7 +64,7 @@ impl Running {
             if is_reached(&self.value(name)) {
                 return;
             }
-            thread::sleep(Duration::from_millis(20));
+            skein_host::clock::sleep(Duration::from_millis(20));
         }
         panic!("{name} is {}", self.value(name));
     }
@@ -314,12 +314,12 @@ fn connections_are_bounded_and_large_bodies_refused() {
     let (status, _) = running.ask("POST", "/api/v3/flight", &json!({"data": "x".repeat(300_000)}));
     assert_eq!(status, 413);
     let idle: Vec<TcpStream> = (0..32).map(|_| TcpStream::connect(running.web).unwrap()).collect();
-    thread::sleep(Duration::from_millis(100));
+    skein_host::clock::sleep(Duration::from_millis(100));
     let mut further = TcpStream::connect(running.web).unwrap();
     further.set_read_timeout(Some(Duration::from_secs(2))).unwrap();
     assert!(matches!(further.read(&mut [0]), Ok(0) | Err(_)), "closed at once");
     drop(idle);
-    thread::sleep(Duration::from_millis(100));
+    skein_host::clock::sleep(Duration::from_millis(100));
     assert_eq!(running.ask("GET", "/api/capabilities", &Value::Null).0, 200);
 }
 

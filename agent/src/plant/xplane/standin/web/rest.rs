@@ -12,6 +12,7 @@ use axum::{Json, Router};
 use serde_json::{Value as Js, json};
 use tokio::time::{Duration, Instant, timeout};
 
+use super::ids::{command_of, dataref_of};
 use super::values::{check_index, element_to_json, elements, to_json, type_name};
 use super::{Fault, MAX_BODY, REQUEST_WITHIN, Shared, flight, socket};
 use crate::plant::xplane::server::{COMMANDS, Dataref, Task, Version};
@@ -147,20 +148,6 @@ async fn commands(State(shared): Web, Path(version): Path<String>, Query(pairs):
 async fn count_commands(Path(version): Path<String>) -> Reply {
     check_version(&version, 2)?;
     Ok(Json(json!({ "data": COMMANDS.len() })))
-}
-
-/// The dataref with this number.
-pub(super) fn dataref_of(shared: &Shared, id: u64) -> Result<(usize, &'static Dataref), Fault> {
-    let at = id.checked_sub(shared.first_id()).and_then(|at| usize::try_from(at).ok());
-    at.and_then(|at| Dataref::all().get(at).map(|dataref| (at, dataref)))
-        .ok_or_else(|| Fault::missing("invalid_dataref_id", format!("Dataref {id} doesn't exist")))
-}
-
-/// The position of the command with this number.
-pub(super) fn command_of(shared: &Shared, id: u64) -> Result<usize, Fault> {
-    let at = id.checked_sub(shared.command_id(0)).and_then(|at| usize::try_from(at).ok());
-    at.filter(|&at| at < COMMANDS.len())
-        .ok_or_else(|| Fault::missing("invalid_command_id", format!("Command {id} doesn't exist")))
 }
 
 fn number_of(text: &str, fault: fn(&str) -> Fault) -> Result<u64, Fault> {

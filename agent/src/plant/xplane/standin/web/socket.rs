@@ -7,7 +7,7 @@ use axum::extract::ws::{Message, WebSocket};
 use serde_json::{Map, Value as Json, json};
 use tokio::time::{Duration, Instant, MissedTickBehavior, interval, timeout};
 
-use super::rest::{command_of, dataref_of};
+use super::ids::{command_of, dataref_of};
 use super::values::{check_index, element_to_json, elements, to_json};
 use super::{Fault, Shared};
 use crate::plant::xplane::server::{COMMANDS, Dataref, Task};
@@ -18,14 +18,17 @@ const SENT_WITHIN: Duration = Duration::from_secs(5);
 /// Longest time that a command is held down without being released, s.
 const LONGEST_HOLD_S: f64 = 24.0 * 3600.0;
 
+/// The elements wanted of a dataref; `None` is the whole value.
+type Elements = Option<BTreeSet<usize>>;
+
 /// What one client has subscribed to, and what it was sent last.
 struct Session {
     shared: Arc<Shared>,
     connection: u64,
     /// Numbers of this start of the simulator: after a restart the client has to connect again.
     first_id: u64,
-    /// Datarefs with the elements wanted of each; `None` is the whole value.
-    datarefs: BTreeMap<usize, Option<BTreeSet<usize>>>,
+    /// Datarefs with the elements wanted of each.
+    datarefs: BTreeMap<usize, Elements>,
     commands: BTreeSet<usize>,
     sent: Map<String, Json>,
     sent_active: Map<String, Json>,
@@ -143,7 +146,7 @@ impl Session {
     }
 
     /// The datarefs of a subscription with the elements wanted; all of them exist, or none is subscribed to.
-    fn wanted(&self, params: &Json) -> Result<Vec<(usize, Option<BTreeSet<usize>>)>, Fault> {
+    fn wanted(&self, params: &Json) -> Result<Vec<(usize, Elements)>, Fault> {
         let wanted = list(params, "datarefs")?.iter().map(|entry| {
             let (at, dataref) = self.dataref(entry)?;
             let what = format!("Dataref {}", entry["id"]);
