@@ -1,12 +1,24 @@
 """Talks to the stand-in's Web API through xpwebapi, which others wrote: REST and WebSocket. Fails with an assertion."""
 
+import os
 import sys
 import threading
 import time
+import traceback
 
 import xpwebapi
 from xpwebapi.ws import CALLBACK_TYPE
 
+
+
+def fail(*error):
+    """Ends at once: the client's own threads would keep a failed program alive."""
+    traceback.print_exception(*error)
+    sys.stderr.flush()
+    os._exit(1)
+
+
+sys.excepthook = fail
 port, latitude_deg = int(sys.argv[1]), float(sys.argv[2])
 LATITUDE = "sim/flightmodel/position/latitude"
 THROTTLE = "sim/cockpit2/engine/actuators/throttle_ratio"
@@ -72,9 +84,12 @@ count = len(updates)
 time.sleep(0.5)
 assert len(updates) == count, "silence after the subscription"
 print(f"WebSocket: {len(times)} updates in 2 s, then silence")
-ws.set_command_is_active_with_duration("sim/operation/pause_on", 0.1)
+pause = {"id": rest.command("sim/operation/pause_on").ident, "is_active": True, "duration": 0.1}
+ws.send({"type": "command_set_is_active", "params": {"commands": [pause]}})
 until("the pause by WebSocket", lambda: rest.dataref_value(rest.dataref("sim/time/paused")) == 1)
-ws.set_dataref_value(JOYSTICK, 0)
+ws.send({"type": "dataref_set_values", "params": {"datarefs": [{"id": joystick.ident, "value": 0}]}})
 until("the dataref by WebSocket", lambda: rest.dataref_value(rest.dataref(JOYSTICK)) == 0)
 print("WebSocket writes a dataref and activates a command")
 ws.disconnect()
+sys.stdout.flush()
+os._exit(0)
