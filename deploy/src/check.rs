@@ -17,6 +17,7 @@ use crate::fly::script;
 use crate::inventory::find;
 use crate::prepare::{Prepared, Target, prepare};
 use crate::simulators::HostPort;
+use crate::simulators::web::WebChoice;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::scenario::ScenarioArgs;
@@ -39,6 +40,9 @@ pub struct CheckArgs {
     /// its aircraft and origin count
     #[arg(long, value_name = "HOST[:PORT]", conflicts_with = "file")]
     pub xplane: Option<HostPort>,
+    /// With --xplane: its Web API, or off; without it that of this PC, if the X-Plane is on this PC
+    #[arg(long, value_name = "HOST[:PORT]", requires = "xplane")]
+    pub web: Option<WebChoice>,
     /// With --xplane: a file for all that was found and a minute of datagrams, to be sent with a question
     #[arg(long, value_name = "FILE", requires = "xplane")]
     pub report: Option<PathBuf>,
@@ -59,7 +63,9 @@ pub fn run(args: &CheckArgs) -> Result<(), Error> {
         (_, Some(simulator)) => {
             let (scenario, profile) = flown(args)?;
             let scenario = names_a_scenario.then_some(&scenario);
-            xplane::run(simulator, &profile, scenario, args.json, args.report.as_deref())
+            let web = WebChoice::or_of(args.web.as_ref(), simulator);
+            let looked_at = xplane::LookedAt { profile: &profile, scenario, web: &web };
+            xplane::run(simulator, &looked_at, args.json, args.report.as_deref())
         }
         (Some(file), None) => cluster::check::run(file, args.json),
         (None, None) if names_a_scenario => scenario(args),

@@ -19,6 +19,7 @@ use crate::fly::{self, FlyArgs};
 use crate::manual::{self, CompletionsArgs, ManArgs};
 use crate::new::{self, NewArgs};
 use crate::order::{self, OrderArgs};
+use crate::place::{self, PlaceArgs};
 use crate::record::{self, RecordArgs};
 use crate::release::{self, ReleaseArgs};
 use crate::report::{self, ReportArgs};
@@ -58,6 +59,8 @@ pub enum Command {
     Order(OrderArgs),
     /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of an X-Plane
     Check(CheckArgs),
+    /// Put an X-Plane's aircraft to its vehicle's start, in the scenario's weather
+    Place(PlaceArgs),
     /// Give the controls of X-Planes back after an agent's PC has died
     Release(ReleaseArgs),
     /// What of this PC would stop or disturb a flight: ports, firewall, cores, clock, limits, disk, X-Plane's beacon
@@ -119,6 +122,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Report(args) => report::run(&args),
         Command::Order(args) => order::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Place(args) => place::run(&args),
         Command::Release(args) => release::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Explain(args) => explain::run(&args),

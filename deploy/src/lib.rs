@@ -18,6 +18,7 @@ pub mod new;
 pub mod observe;
 pub mod order;
 pub mod os;
+pub mod place;
 pub mod ports;
 pub mod prepare;
 pub mod reach;

@@ -2,6 +2,7 @@
 
 mod probe;
 pub(crate) mod survey;
+pub(crate) mod web;
 
 use std::net::ToSocketAddrs;
 use std::thread;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, Command as Arguments, FromArgMatches};
 use rand::Rng;
 use skein_agent::plant::xplane::client::{Client, Indices};
-use skein_agent::plant::xplane::standin::{Presence, Simulator, StandinOptions};
+use skein_agent::plant::xplane::standin::{RunState, Simulator, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Template;
 use skein_agent::plant::xplane::wire::operation;
 use skein_common::frame::{Origin, PositionNed};
@@ -257,10 +257,10 @@ impl Swarm {
         let Vehicle { simulator, waiting, .. } = &mut self.vehicles[nth];
         let (frame_s, presence) = simulator.begin_frame();
         let mut sent = Vec::new();
-        if presence == Presence::Gone {
+        if presence == RunState::Gone {
             waiting.clear();
         }
-        if presence == Presence::Running {
+        if presence == RunState::Running {
             for datagram in std::mem::take(waiting) {
                 if !simulator.receive(&datagram, address(nth)) {
                     break;

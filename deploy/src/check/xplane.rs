@@ -1,5 +1,7 @@
 //! `skein check --xplane`: what would stop an agent at one X-Plane, each fault with its remedy.
 
+mod web;
+
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -16,8 +18,10 @@ use crate::cluster::check::{Line, verdict};
 use crate::doctor;
 use crate::new::discover;
 use crate::os;
+use crate::place;
 use crate::simulators::HostPort;
 use crate::simulators::survey::{SILENT, Survey, Surveyor};
+use crate::simulators::web::WebChoice;
 
 /// How long positions are watched, how long an answer may take, and how long a report gathers datagrams.
 const WATCHED: Duration = Duration::from_secs(5);
@@ -49,44 +53,52 @@ fn path_element(nth: usize) -> String {
     format!("sim/aircraft/view/acf_relative_path[{nth}]")
 }
 
+/// What an X-Plane is checked against.
+pub(super) struct LookedAt<'a> {
+    /// Datarefs of the aircraft.
+    pub(super) profile: &'a Profile,
+    /// The scenario, if one was named.
+    pub(super) scenario: Option<&'a Scenario>,
+    /// Where its Web API is looked for.
+    pub(super) web: &'a WebChoice,
+}
+
 /// Checks the X-Plane and prints a line for each thing; with `report`, gathers a minute of datagrams into that file too.
 ///
 /// # Errors
 /// If a fault prevents a flight, or the report cannot be written.
-pub(super) fn run(
-    xplane: &HostPort,
-    profile: &Profile,
-    scenario: Option<&Scenario>,
-    json: bool,
-    report: Option<&Path>,
-) -> Result<(), Error> {
+pub(super) fn run(xplane: &HostPort, looked_at: &LookedAt<'_>, json: bool, report: Option<&Path>) -> Result<(), Error> {
     let address = format!("{}:{}", xplane.host, xplane.port);
     let surveyor = Surveyor::open(&address)?;
-    let lines = lines(&address, &surveyor, profile, scenario)?;
+    let lines = lines(&address, &surveyor, looked_at)?;
     if let Some(path) = report {
-        write_report(path, &surveyor, profile, &lines, REPORTED)?;
+        write_report(path, &surveyor, looked_at.profile, &lines, REPORTED)?;
     }
     terminal::say(&if json { terminal::json(&lines) } else { doctor::as_table(&lines) });
     verdict(&lines)
 }
 
 /// Checks the X-Plane at this address.
-fn lines(place: &str, surveyor: &Surveyor, profile: &Profile, scenario: Option<&Scenario>) -> Result<Vec<Line>, Error> {
+fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<Vec<Line>, Error> {
+    let &LookedAt { profile, scenario, web } = looked_at;
     let beacon = std::thread::spawn(|| discover::heard(WATCHED));
     let survey = surveyor.survey(&wanted(profile), WANTED_HZ, WATCHED, false)?;
     let mut lines = Vec::new();
     if survey.has_answered() {
         lines.push(answer(place, &survey));
         lines.push(version(place, &survey));
+        let web = web::WebChecks::of(web);
+        lines.extend(web.lines(place, &survey, profile));
         // A thread that panicked has printed the reason.
         lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator().port(), heard)));
         lines.push(frames(place, &survey));
         lines.extend(states(place, &survey));
-        lines.push(aircraft(place, &survey, profile));
+        lines.push(aircraft(place, &survey, profile, web.aircraft()));
         lines.extend(datarefs(place, &survey, profile));
         lines.push(rotor(place, &survey, profile));
         lines.push(overrides(place, surveyor, &survey, profile)?);
         lines.extend(scenario.and_then(|scenario| origin(place, &survey, scenario)));
+        lines.extend(scenario.map(|scenario| place::compared(place, &survey, scenario)).into_iter().flatten());
         lines.push(load());
     } else {
         let found = format!("no answer within {} s", SILENT.as_secs());
@@ -101,7 +113,12 @@ fn lines(place: &str, surveyor: &Surveyor, profile: &Profile, scenario: Option<&
 fn wanted(profile: &Profile) -> Vec<String> {
     let states = [VERSION, PAUSED, REPLAY, SPEED, PERIOD, CRASHED].into_iter().chain(RANDOM_FAILURES);
     let own = profile.datarefs().into_iter().map(|dataref| dataref.as_str().to_owned());
-    states.map(str::to_owned).chain(own).chain((0..PATH_CHARACTERS).map(path_element)).collect()
+    states
+        .map(str::to_owned)
+        .chain(own)
+        .chain(place::WIND_NOW.map(str::to_owned))
+        .chain((0..PATH_CHARACTERS).map(path_element))
+        .collect()
 }
 
 fn answer(place: &str, survey: &Survey) -> Line {
@@ -207,18 +224,21 @@ fn states(place: &str, survey: &Survey) -> Vec<Line> {
 }
 
 /// The file of the aircraft that is loaded, and whether it is the one that the profile is for.
-fn aircraft(place: &str, survey: &Survey, profile: &Profile) -> Line {
+fn aircraft(place: &str, survey: &Survey, profile: &Profile, by_web: Option<String>) -> Line {
     let mut bytes: Vec<u8> =
         (0..PATH_CHARACTERS).map_while(|nth| survey.value(&path_element(nth))).map(|value| value as u8).collect();
     let end = bytes.iter().position(|byte| *byte == 0);
     bytes.truncate(end.unwrap_or(PATH_CHARACTERS));
-    if bytes.is_empty() {
+    let (path, is_whole) = match by_web {
+        Some(path) if !path.is_empty() => (path, true),
+        _ => (String::from_utf8_lossy(&bytes).into_owned(), end.is_some()),
+    };
+    if path.is_empty() {
         return Line::new(place, "aircraft", "its file was not answered: look which aircraft is loaded").unknown();
     }
-    let path = String::from_utf8_lossy(&bytes);
     let line = Line::new(place, "aircraft", skein_common::printable::printable(&path, PATH_CHARACTERS));
     match &profile.acf {
-        Some(acf) if !path.contains(acf.as_str()) && end.is_none() => {
+        Some(acf) if !path.contains(acf.as_str()) && !is_whole => {
             line.warning(format!("the path is longer than what was answered: see that it is the aircraft for {acf}"))
         }
         Some(acf) if !path.contains(acf.as_str()) => {

@@ -98,7 +98,7 @@ mod tests {
             standin.join().unwrap();
             let received = received.unwrap();
             assert!(
-                received.starts_with("X-Plane 12.1.4, aircraft at 28.50000°, -82.25000°, "),
+                received.starts_with("X-Plane 12.4.0, aircraft at 28.50000°, -82.25000°, "),
                 "{more:?}: {received}"
             );
         }

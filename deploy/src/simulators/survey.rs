@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use ring::rand::{SecureRandom, SystemRandom};
 use skein_agent::config::{listen_for, simulator};
 use skein_agent::plant::xplane::wire::dref::Write;
+use skein_agent::plant::xplane::wire::prel::Placement;
 use skein_agent::plant::xplane::wire::rpos::{self, Position, PositionRequest};
 use skein_agent::plant::xplane::wire::rref::{self, DatarefRequest};
 use skein_host::clock;
@@ -120,6 +121,15 @@ impl Surveyor {
             for _ in 0..3 {
                 let _ = self.socket.send_to(&bytes, self.simulator);
             }
+        }
+    }
+
+    /// Places an aircraft, three times because X-Plane does not acknowledge it.
+    pub(crate) fn place(&self, placement: &Placement) {
+        let mut bytes = Vec::new();
+        placement.encode(&mut bytes);
+        for _ in 0..3 {
+            let _ = self.socket.send_to(&bytes, self.simulator);
         }
     }
 

@@ -42,6 +42,7 @@ pages! {
     recordings: "deploy/book/src/recordings.md",
     programs: "deploy/book/src/programs.md",
     xplane: "deploy/book/src/xplane.md",
+    xplane_web: "deploy/book/src/xplane-web.md",
     cluster: "deploy/book/src/cluster.md",
     cluster_fleets: "deploy/book/src/cluster-fleets.md",
     cluster_operate: "deploy/book/src/cluster-operate.md",

@@ -92,6 +92,11 @@ impl BuiltInVehicle {
         Some((self.controls?, self.air.advance(self.helicopter.height_m())))
     }
 
+    /// From now on this weather prevails; the gusts continue from where they are.
+    pub fn set_weather(&mut self, weather: &Weather) {
+        self.air.set_weather(weather);
+    }
+
     /// From now on exactly these failures are present; all others are cured.
     pub fn fail(&mut self, failures: Failures) {
         if failures == self.failures {

@@ -50,15 +50,20 @@ pub struct LocalWind {
 impl LocalWind {
     /// Air in which the gusts start at zero; `generator` drives them.
     pub fn new(weather: &Weather, generator: ChaCha8Rng) -> Self {
-        let (sin, cos) = math::sin_cos(weather.wind_from_rad);
         Self {
             weather: *weather,
-            along: (-cos, -sin),
+            along: along(weather),
             gust_along_m_s: 0.0,
             across: ShapingFilter::default(),
             down: ShapingFilter::default(),
             generator,
         }
+    }
+
+    /// From now on this weather prevails; the gusts continue from where they are.
+    pub(super) fn set_weather(&mut self, weather: &Weather) {
+        self.weather = *weather;
+        self.along = along(weather);
     }
 
     /// Advances by one tick and returns the velocity of the air at `height_m` above the ground.
@@ -88,6 +93,12 @@ impl LocalWind {
         let down = self.down.advance(b, random::standard_normal(&mut self.generator));
         (self.gust_along_m_s, spectrum.sigma_horizontal_m_s * across, spectrum.sigma_vertical_m_s * down)
     }
+}
+
+/// North and east components of the direction the mean wind blows to.
+fn along(weather: &Weather) -> (f64, f64) {
+    let (sin, cos) = math::sin_cos(weather.wind_from_rad);
+    (-cos, -sin)
 }
 
 /// Strength and length scale of the gusts at one height.

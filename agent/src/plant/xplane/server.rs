@@ -10,8 +10,12 @@
 //! below `skein/standin/` order faults, so that tests and students see what a real simulator does on a bad day.
 
 mod clients;
+mod commands;
 mod datarefs;
 mod output;
+mod settings;
+mod weather;
+mod web;
 
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
@@ -22,11 +26,15 @@ use super::wire::operation::{self, Command, End};
 use super::wire::prel::{self, Placement};
 use super::wire::{WireError, radr, rows, rpos, rref};
 use clients::Clients;
-pub use datarefs::{DEFAULT_ACF, Surroundings};
-use datarefs::{Handle, Setting, Settings, Situation, reference_below};
+pub use commands::{Action, COMMANDS, CommandEntry};
+pub use datarefs::{DEFAULT_ACF, Dataref, Surroundings, ValueType};
+use datarefs::{Handle, Situation, reference_below};
 use output::{Radar, Rows};
+use settings::{Setting, Settings};
 use skein_common::frame::Origin;
 use skein_core::plant::{Controls, Frame};
+pub use weather::{MOST_TURBULENT, SEVERE_W20_M_S};
+pub use web::{Flight, Task, Value};
 
 /// A client silent for this long counts as gone where that matters, s. Our agents subscribe again every five seconds.
 const PRESUMED_GONE_S: u64 = 12;
@@ -41,7 +49,7 @@ pub enum Version {
     /// X-Plane 11.55
     #[value(name = "11")]
     V11,
-    /// X-Plane 12.1.4
+    /// X-Plane 12.4.0
     #[value(name = "12")]
     V12,
 }
@@ -51,7 +59,7 @@ impl Version {
     pub fn internal(self) -> i32 {
         match self {
             Self::V11 => 115_501,
-            Self::V12 => 121_400,
+            Self::V12 => 124_000,
         }
     }
 
@@ -92,6 +100,10 @@ pub struct Server {
     radar: Radar,
     settings: Settings,
     surroundings: Surroundings,
+    /// Frame in which written weather is taken over.
+    weather_due: Option<u64>,
+    /// The situation of the last frame, for clients of the Web API.
+    situation: Option<Situation>,
     /// Origin of X-Plane's local frame.
     reference: Option<Origin>,
     has_collective: bool,
@@ -115,8 +127,10 @@ impl Server {
             rows: Rows::default(),
             radar: Radar::default(),
             clients: Clients::new(frame_rate_hz, PRESUMED_GONE_S * u64::from(frame_rate_hz)),
-            settings: Settings::new(),
+            settings: weather::settings(&surroundings.weather),
             surroundings,
+            weather_due: None,
+            situation: None,
             reference: None,
             has_collective: false,
             malformed: 0,
@@ -160,7 +174,7 @@ impl Server {
         })
     }
 
-    /// A placement begins a new flight, in which nobody has the controls yet.
+    /// A placement begins a new flight, in which the pilot has the controls.
     fn place(&mut self, placement: Placement) -> Option<Order> {
         (placement.aircraft == 0).then(|| {
             self.give_back();
@@ -168,31 +182,36 @@ impl Server {
         })
     }
 
-    /// Runs a command; others than these do nothing here.
+    /// Runs a command; those that are not in [`COMMANDS`] do nothing here.
     fn run(&mut self, command: Command<'_>) -> Option<Order> {
-        match command.path {
-            "sim/operation/pause_toggle" => self.is_paused = !self.is_paused,
-            "sim/operation/pause_on" => self.is_paused = true,
-            "sim/operation/pause_off" => self.is_paused = false,
-            "sim/operation/reset_flight"
-            | "sim/operation/reset_to_runway"
-            | "sim/operation/go_to_default"
-            | "sim/operation/reload_aircraft"
-            | "sim/operation/reload_aircraft_no_art" => {
+        match COMMANDS.iter().find(|entry| entry.path == command.path) {
+            Some(entry) => self.act(entry.action),
+            None => {
+                tracing::debug!(path = command.path, "a command without effect here");
+                None
+            }
+        }
+    }
+
+    fn act(&mut self, action: Action) -> Option<Order> {
+        match action {
+            Action::PauseToggle => self.is_paused = !self.is_paused,
+            Action::Pause => self.is_paused = true,
+            Action::Resume => self.is_paused = false,
+            Action::Reset => {
                 self.give_back();
                 return Some(Order::Reset);
             }
-            path => tracing::debug!(path, "a command without effect here"),
         }
         None
     }
 
-    /// Gives the controls back and ends a replay and a crash; the orders for the network stay.
+    /// Gives the controls back and ends a replay and a crash; the weather and the orders for the network stay.
     fn give_back(&mut self) {
         let old = std::mem::replace(&mut self.settings, Settings::new());
-        for setting in [Setting::DataRate, Setting::RandomFailures, Setting::Speed, Setting::DropShare] {
-            self.settings.set_first(setting, old.first(setting));
-        }
+        let own = [Setting::DataRate, Setting::RandomFailures, Setting::Speed, Setting::DropShare];
+        self.settings.keep(&old, &own);
+        self.settings.keep(&old, weather::SETTINGS);
         self.has_collective = false;
     }
 
@@ -252,13 +271,19 @@ impl Server {
     fn write(&mut self, datagram: &[u8]) -> Result<Option<Order>, WireError> {
         let Write { value, path } = Write::decode(datagram)?;
         let written = self.find(path).and_then(|handle| handle.write(value, &mut self.settings));
-        self.has_collective |= written == Some(Setting::Collective);
-        let ordered_s = |setting| Some(self.settings.first(setting)).filter(|&seconds| seconds > 0.0);
-        Ok(match written {
-            Some(Setting::Freeze) => ordered_s(Setting::Freeze).map(Order::Freeze),
-            Some(Setting::Restart) => ordered_s(Setting::Restart).map(Order::Restart),
+        Ok(written.and_then(|setting| self.after_write(setting)))
+    }
+
+    /// What follows from a written setting.
+    fn after_write(&mut self, setting: Setting) -> Option<Order> {
+        self.has_collective |= setting == Setting::Collective;
+        self.weather_written(setting);
+        let ordered_s = Some(self.settings.first(setting)).filter(|&seconds| seconds > 0.0);
+        match setting {
+            Setting::Freeze => ordered_s.map(Order::Freeze),
+            Setting::Restart => ordered_s.map(Order::Restart),
             _ => None,
-        })
+        }
     }
 
     fn find(&mut self, path: &str) -> Option<Handle> {
@@ -314,7 +339,7 @@ impl Server {
             self.pairs.clear();
             for value in &mut client.values {
                 if value.schedule.is_due(self.frame_rate_hz) {
-                    self.pairs.push((value.index, value.handle.read(&situation, &self.settings)));
+                    self.pairs.push((value.index, value.handle.read(&situation, &self.settings) as f32));
                 }
             }
             for batch in self.pairs.chunks(rref::MAX_VALUES) {
@@ -334,6 +359,7 @@ impl Server {
         if let Some(to) = self.radar.due(&situation, version, self.frame_rate_hz, &mut self.outgoing) {
             send(to, &self.outgoing);
         }
+        self.situation = Some(situation);
     }
 
     /// The beacon, in the first frame and then once a second.

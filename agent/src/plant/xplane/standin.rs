@@ -9,6 +9,7 @@
 mod aircraft;
 mod options;
 mod simulator;
+mod web;
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
@@ -21,9 +22,10 @@ use socket2::SockRef;
 
 use super::socket::{Port, Received, is_receiver_down, is_this_host};
 use super::wire::{becn, rpos};
-use options::udp_port;
-pub use options::{StandinError, StandinOptions};
-pub use simulator::{Presence, Simulator};
+pub use options::{StandinError, StandinOptions, WebPort};
+use options::{udp_port, web_port};
+pub use simulator::{RunState, Simulator};
+use web::Web;
 
 /// Largest number of queued datagrams read in one frame.
 const MAX_QUEUED: u32 = 4096;
@@ -66,6 +68,8 @@ pub struct Standin {
     /// Sending ports of positions and values, if not `port`.
     split: Option<Split>,
     address: SocketAddr,
+    /// The Web API, if it has one.
+    web: Option<Web>,
     beacons: Vec<UdpSocket>,
     computer: String,
 }
@@ -83,8 +87,11 @@ impl Standin {
         let wanted = SocketAddrV4::new(listen, udp_port(options)?).into();
         let bind = |source| StandinError::Bind { address: wanted, source };
         let port = UdpSocket::bind(wanted).and_then(Port::new).map_err(bind)?;
+        let open =
+            |port| Web::open(port, &options.acf, options.incoming).map_err(|source| StandinError::Web { port, source });
         Ok(Self {
             simulator,
+            web: web_port(options)?.map(open).transpose()?,
             options: options.clone(),
             split: options.split_ports.then(|| Split::open(listen)).transpose().map_err(bind)?,
             address: (Ipv4Addr::LOCALHOST, port.local_addr().map_err(bind)?.port()).into(),
@@ -97,6 +104,11 @@ impl Standin {
     /// Address for clients on this computer.
     pub fn address(&self) -> SocketAddr {
         self.address
+    }
+
+    /// Address of its Web API, if it has one.
+    pub fn web_address(&self) -> Option<SocketAddr> {
+        self.web.as_ref().map(Web::address)
     }
 
     /// Runs until `stop` becomes true, or until it is unused if the options ask for that.
@@ -125,19 +137,31 @@ impl Standin {
     fn frame(&mut self) -> f64 {
         let (frame_s, presence) = self.simulator.begin_frame();
         match presence {
-            Presence::Running => {
+            RunState::Running => {
                 self.announce();
                 self.receive();
+                self.serve();
                 self.simulate(frame_s);
             }
-            Presence::Frozen => {}
-            Presence::Gone => self.discard(),
+            RunState::Frozen => {}
+            RunState::Gone => self.discard(),
         }
         frame_s
     }
 
-    /// Loses the waiting datagrams, as a computer does on which no simulator listens.
+    /// Carries out what clients of the Web API ask for.
+    fn serve(&mut self) {
+        let Self { simulator, web, .. } = self;
+        if let Some(web) = web {
+            web.serve(simulator.starts(), |task| simulator.serve(task));
+        }
+    }
+
+    /// Loses the waiting requests, as a computer does on which no simulator listens.
     fn discard(&mut self) {
+        if let Some(web) = &mut self.web {
+            web.discard();
+        }
         for _ in 0..MAX_QUEUED {
             if matches!(self.port.receive(None), Received::Nothing) {
                 return;
@@ -173,7 +197,7 @@ impl Standin {
         for _ in 0..MAX_QUEUED {
             match self.port.receive(None) {
                 // Like its beacon, the stand-in is for this computer only.
-                Received::Datagram(_, from) if !is_this_host(from.ip()) => {}
+                Received::Datagram(_, from) if !is_this_host(from.ip()) || !self.options.incoming => {}
                 Received::Datagram(size, from) => {
                     if !self.simulator.receive(self.port.datagram(size), from) {
                         return;

@@ -93,7 +93,7 @@ impl Value {
 pub struct Indices([i32; Value::ALL.len()]);
 
 impl Indices {
-    /// Draws distinct indices from bytes that nobody can predict, or returns `None` if `fill` has no bytes. X-Plane only
+    /// Draws distinct indices from unpredictable bytes, or returns `None` if `fill` has no bytes. X-Plane only
     /// echoes indices; they are not negative because its documentation shows no negative one.
     pub fn draw(mut fill: impl FnMut(&mut [u8]) -> bool) -> Option<Self> {
         loop {
@@ -109,7 +109,7 @@ impl Indices {
         }
     }
 
-    /// A number that nobody else can know.
+    /// A number that no other program knows.
     pub(super) fn first(&self) -> i32 {
         self.0[0]
     }

@@ -223,9 +223,9 @@ fn commands_outside_the_travel_are_not_sent() {
 fn values_make_no_frame_and_are_part_of_the_next_one() {
     let (simulator, mut link) = Scripted::new();
     simulator.send_value(&link, ROTOR_SPEED, 1500.0);
-    simulator.send_value(&link, VERSION, 121_400.0);
+    simulator.send_value(&link, VERSION, 124_000.0);
     assert_eq!(link.wait(SOON), Wake::Deadline);
-    assert_eq!(link.client.version(), Some(121_400));
+    assert_eq!(link.client.version(), Some(124_000));
     simulator.send_position(&link, at_height(3.0));
     let Wake::Frame(frame) = link.wait(SOON) else { panic!("no frame") };
     assert_eq!(frame.measurement.height_m, 3.0);
@@ -350,7 +350,7 @@ mod beacons {
         let simulator = UdpSocket::bind((LOCAL, 0)).unwrap();
         let send = |host_id, role, port| {
             let name = "lab".to_owned();
-            let beacon = Beacon { minor: 2, host_id, version: 121_400, role, port, name, raknet_port: Some(49010) };
+            let beacon = Beacon { minor: 2, host_id, version: 124_000, role, port, name, raknet_port: Some(49010) };
             let mut datagram = Vec::new();
             beacon.encode(&mut datagram).unwrap();
             simulator.send_to(&datagram, to).unwrap();
@@ -455,7 +455,7 @@ mod live {
         assert!(risen.rotor_speed_rad_s.is_some_and(|speed| speed > 150.0), "{risen:?}");
         assert_eq!(read(live.address, "sim/cockpit2/engine/actuators/prop_ratio[0]"), 0.7);
         assert_eq!(read(live.address, "sim/operation/override/override_joystick"), 1.0);
-        assert_eq!(link.client.version(), Some(121_400));
+        assert_eq!(link.client.version(), Some(124_000));
         assert_eq!(link.malformed(), 0);
 
         link.release();

@@ -2,15 +2,17 @@
 
 use std::sync::Arc;
 
+use super::settings::{ENGINES, Setting, Settings};
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
 use crate::plant::xplane::wire::rpos::Position;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::math;
 use skein_core::aircraft::name_and_element;
+use skein_core::helicopter::Weather;
 use skein_core::plant::Frame;
 
-/// Number of elements of a per-engine array since X-Plane 12; X-Plane 11 has eight.
-const ENGINES: usize = 16;
+/// Number of layers of wind in X-Plane 12; X-Plane 11 has three.
+const LAYERS: usize = 13;
 /// Length of a text, whose bytes are read one by one.
 const TEXT: usize = 512;
 
@@ -31,18 +33,26 @@ pub(super) struct Situation {
     pub(super) surroundings: Surroundings,
 }
 
-/// What a simulation does not change: the aircraft's file and the mean wind.
+/// What flying does not change: the aircraft's file and the weather.
 #[derive(Clone, Debug)]
 pub struct Surroundings {
     /// Path of the aircraft's file, relative to X-Plane's folder.
     pub acf: Arc<str>,
+    /// Wind and turbulence.
+    pub weather: Weather,
+}
+
+impl Surroundings {
     /// Mean wind velocity towards east, up and south, m/s.
-    pub wind_m_s: [f64; 3],
+    fn wind_m_s(&self) -> [f64; 3] {
+        let (sin, cos) = math::sin_cos(self.weather.wind_from_rad);
+        [-self.weather.wind_m_s * sin, 0.0, self.weather.wind_m_s * cos]
+    }
 }
 
 impl Default for Surroundings {
     fn default() -> Self {
-        Self { acf: DEFAULT_ACF.into(), wind_m_s: [0.0; 3] }
+        Self { acf: DEFAULT_ACF.into(), weather: Weather::default() }
     }
 }
 
@@ -73,85 +83,6 @@ impl Situation {
     }
 }
 
-/// A dataref that can be written and keeps its value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Setting {
-    OverrideJoystick,
-    OverrideRoll,
-    OverridePitch,
-    OverrideYaw,
-    Roll,
-    Pitch,
-    Yaw,
-    Collective,
-    Throttle,
-    Governor,
-    DataRate,
-    RandomFailures,
-    Speed,
-    DropShare,
-    Freeze,
-    Restart,
-    Replay,
-    Crash,
-    MoveOrigin,
-}
-
-impl Setting {
-    const COUNT: usize = Self::MoveOrigin as usize + 1;
-
-    /// The number that X-Plane stores when this one is written.
-    fn stored_value(self, value: f32) -> f32 {
-        match self {
-            // These are integers, so the fraction is cut off.
-            Self::OverrideJoystick
-            | Self::OverrideRoll
-            | Self::OverridePitch
-            | Self::OverrideYaw
-            | Self::Governor
-            | Self::RandomFailures => value.trunc(),
-            Self::Roll | Self::Pitch | Self::Yaw => value.clamp(-1.0, 1.0),
-            Self::Collective | Self::Throttle => value.clamp(0.0, 1.0),
-            Self::DataRate => value.trunc().clamp(1.0, 99.0),
-            Self::Speed => value.clamp(0.05, 16.0),
-            // An order to lose no more datagrams must arrive.
-            Self::DropShare => value.clamp(0.0, 0.95),
-            Self::Freeze | Self::Restart => value.clamp(0.0, 60.0),
-            Self::Replay | Self::Crash | Self::MoveOrigin => f32::from(value != 0.0),
-        }
-    }
-}
-
-/// Values of all settings, element by element.
-#[derive(Clone, Debug)]
-pub(super) struct Settings([[f32; ENGINES]; Setting::COUNT]);
-
-impl Settings {
-    /// A helicopter with a running engine, the collective down and free controls.
-    pub(super) fn new() -> Self {
-        let mut settings = Self([[0.0; ENGINES]; Setting::COUNT]);
-        settings.0[Setting::Throttle as usize] = [1.0; ENGINES];
-        settings.0[Setting::Governor as usize] = [1.0; ENGINES];
-        settings.0[Setting::DataRate as usize] = [20.0; ENGINES];
-        settings.0[Setting::Speed as usize] = [1.0; ENGINES];
-        settings
-    }
-
-    /// Value of the setting's first element.
-    pub(super) fn first(&self, setting: Setting) -> f32 {
-        self.0[setting as usize][0]
-    }
-
-    pub(super) fn set_first(&mut self, setting: Setting, value: f32) {
-        self.0[setting as usize][0] = value;
-    }
-
-    /// Stores what a client writes into an element.
-    pub(super) fn store(&mut self, setting: Setting, element: usize, value: f32) {
-        self.0[setting as usize][element] = setting.stored_value(value);
-    }
-}
-
 enum Source {
     /// Computed and read-only. An array has the value in its first element and zeros in the others.
     Computed(fn(&Situation) -> f64),
@@ -165,29 +96,97 @@ enum Source {
     Read(Setting),
 }
 
+/// Type of a dataref's value in X-Plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ValueType {
+    /// An integer of 32 bits.
+    Int,
+    /// A number of single precision.
+    Float,
+    /// A number of double precision.
+    Double,
+    /// Several integers.
+    IntArray,
+    /// Several numbers of single precision.
+    FloatArray,
+    /// Bytes.
+    Data,
+}
+
 #[derive(Clone, Copy)]
 enum Length {
     One,
     Engines,
+    Layers,
     Text,
 }
 
-struct Dataref {
+/// A dataref: its name, its type, and where its value comes from.
+pub struct Dataref {
     path: &'static str,
     length: Length,
+    value_type: ValueType,
     source: Source,
 }
 
+impl Dataref {
+    /// All datarefs of the simulator.
+    pub fn all() -> &'static [Self] {
+        DATAREFS
+    }
+
+    /// Its name.
+    pub fn path(&self) -> &'static str {
+        self.path
+    }
+
+    /// Its type.
+    pub fn value_type(&self) -> ValueType {
+        self.value_type
+    }
+
+    /// Whether a client can write it.
+    pub fn is_writable(&self) -> bool {
+        matches!(self.source, Source::Kept(_) | Source::All(_))
+    }
+
+    /// Number of its elements, 1 unless it is an array; `engines` is the length of per-engine arrays.
+    pub fn elements(&self, engines: usize) -> usize {
+        match self.length {
+            Length::One => 1,
+            Length::Engines => engines.min(ENGINES),
+            Length::Layers => LAYERS,
+            Length::Text => TEXT,
+        }
+    }
+}
+
 const fn scalar(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::One, source }
+    Dataref { path, length: Length::One, value_type: ValueType::Float, source }
+}
+
+const fn double(path: &'static str, source: Source) -> Dataref {
+    Dataref { path, length: Length::One, value_type: ValueType::Double, source }
+}
+
+const fn int(path: &'static str, source: Source) -> Dataref {
+    Dataref { path, length: Length::One, value_type: ValueType::Int, source }
 }
 
 const fn per_engine(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::Engines, source }
+    Dataref { path, length: Length::Engines, value_type: ValueType::FloatArray, source }
+}
+
+const fn int_per_engine(path: &'static str, source: Source) -> Dataref {
+    Dataref { path, length: Length::Engines, value_type: ValueType::IntArray, source }
+}
+
+const fn layers(path: &'static str, source: Source) -> Dataref {
+    Dataref { path, length: Length::Layers, value_type: ValueType::FloatArray, source }
 }
 
 const fn text(path: &'static str, read: fn(&Situation) -> &str) -> Dataref {
-    Dataref { path, length: Length::Text, source: Source::Text(read) }
+    Dataref { path, length: Length::Text, value_type: ValueType::Data, source: Source::Text(read) }
 }
 
 /// All datarefs; searched only when a client subscribes or writes.
@@ -197,9 +196,9 @@ static DATAREFS: &[Dataref] = &{
     use Source::{All, Computed, Kept, Read};
     [
         // Position and motion.
-        scalar("sim/flightmodel/position/latitude", Computed(|s| s.position.latitude_deg)),
-        scalar("sim/flightmodel/position/longitude", Computed(|s| s.position.longitude_deg)),
-        scalar("sim/flightmodel/position/elevation", Computed(|s| s.position.elevation_m)),
+        double("sim/flightmodel/position/latitude", Computed(|s| s.position.latitude_deg)),
+        double("sim/flightmodel/position/longitude", Computed(|s| s.position.longitude_deg)),
+        double("sim/flightmodel/position/elevation", Computed(|s| s.position.elevation_m)),
         scalar("sim/flightmodel/position/y_agl", Computed(|s| s.position.height_m.into())),
         scalar("sim/flightmodel/position/local_vx", Computed(|s| s.position.velocity_east_m_s.into())),
         scalar("sim/flightmodel/position/local_vy", Computed(|s| s.position.velocity_up_m_s.into())),
@@ -217,33 +216,52 @@ static DATAREFS: &[Dataref] = &{
         scalar("sim/flightmodel/position/Prad", Computed(|s| s.position.roll_rate_rad_s.into())),
         scalar("sim/flightmodel/position/Qrad", Computed(|s| s.position.pitch_rate_rad_s.into())),
         scalar("sim/flightmodel/position/Rrad", Computed(|s| s.position.yaw_rate_rad_s.into())),
-        scalar("sim/flightmodel/position/local_x", Computed(|s| s.local_m[0])),
-        scalar("sim/flightmodel/position/local_y", Computed(|s| s.local_m[1])),
-        scalar("sim/flightmodel/position/local_z", Computed(|s| s.local_m[2])),
+        double("sim/flightmodel/position/local_x", Computed(|s| s.local_m[0])),
+        double("sim/flightmodel/position/local_y", Computed(|s| s.local_m[1])),
+        double("sim/flightmodel/position/local_z", Computed(|s| s.local_m[2])),
         scalar("sim/flightmodel/position/lat_ref", Computed(|s| s.reference.latitude_deg())),
         scalar("sim/flightmodel/position/lon_ref", Computed(|s| s.reference.longitude_deg())),
         // Aircraft and surroundings. The wind is the mean one, without gusts.
         text("sim/aircraft/view/acf_relative_path", |s| &s.surroundings.acf),
-        scalar("sim/weather/aircraft/wind_now_x_msc", Computed(|s| s.surroundings.wind_m_s[0])),
-        scalar("sim/weather/aircraft/wind_now_y_msc", Computed(|s| s.surroundings.wind_m_s[1])),
-        scalar("sim/weather/aircraft/wind_now_z_msc", Computed(|s| s.surroundings.wind_m_s[2])),
+        scalar("sim/weather/aircraft/wind_now_x_msc", Computed(|s| s.surroundings.wind_m_s()[0])),
+        scalar("sim/weather/aircraft/wind_now_y_msc", Computed(|s| s.surroundings.wind_m_s()[1])),
+        scalar("sim/weather/aircraft/wind_now_z_msc", Computed(|s| s.surroundings.wind_m_s()[2])),
+        scalar("sim/weather/wind_now_x_msc", Computed(|s| s.surroundings.wind_m_s()[0])),
+        scalar("sim/weather/wind_now_y_msc", Computed(|s| s.surroundings.wind_m_s()[1])),
+        scalar("sim/weather/wind_now_z_msc", Computed(|s| s.surroundings.wind_m_s()[2])),
+        // Weather of X-Plane 12, taken over at the next update, and that of X-Plane 11, taken over at once. The lowest
+        // layer is the wind at every height.
+        int("sim/weather/region/change_mode", Kept(ChangeMode)),
+        int("sim/weather/region/update_immediately", Kept(UpdateImmediately)),
+        scalar("sim/weather/region/variability_pct", Kept(Variability)),
+        layers("sim/weather/region/wind_altitude_msl_m", Kept(LayerAltitude)),
+        layers("sim/weather/region/wind_speed_msc", Kept(LayerSpeed)),
+        layers("sim/weather/region/wind_direction_degt", Kept(LayerFrom)),
+        layers("sim/weather/region/turbulence", Kept(LayerTurbulence)),
+        layers("sim/weather/region/shear_speed_msc", Kept(LayerShear)),
+        int("sim/weather/use_real_weather_bool", Kept(RealWeather)),
+        layers("sim/weather/wind_altitude_msl_m", Kept(LayerAltitude11)),
+        layers("sim/weather/wind_speed_kt", Kept(LayerSpeed11)),
+        layers("sim/weather/wind_direction_degt", Kept(LayerFrom11)),
+        layers("sim/weather/turbulence", Kept(LayerTurbulence11)),
+        layers("sim/weather/shear_speed_kt", Kept(LayerShear11)),
         // Rotor.
         per_engine("sim/cockpit2/engine/indicators/prop_speed_rpm", Computed(|s| rpm_from_rad_s(s.rotor_speed_rad_s))),
         per_engine("sim/flightmodel/engine/POINT_tacrad", Computed(|s| s.rotor_speed_rad_s)),
-        per_engine("sim/flightmodel/engine/ENGN_running", Computed(|_| 1.0)),
+        int_per_engine("sim/flightmodel/engine/ENGN_running", Computed(|_| 1.0)),
         // Time and version.
         scalar("sim/time/total_running_time_sec", Computed(|s| s.running_s)),
         scalar("sim/time/total_flight_time_sec", Computed(|s| s.flight_s)),
-        scalar("sim/time/paused", Computed(|s| s.is_paused.into())),
-        scalar("sim/time/is_in_replay", Read(Replay)),
-        scalar("sim/time/sim_speed", Computed(|s| f64::from(!s.is_paused))),
+        int("sim/time/paused", Computed(|s| s.is_paused.into())),
+        int("sim/time/is_in_replay", Read(Replay)),
+        int("sim/time/sim_speed", Computed(|s| f64::from(!s.is_paused))),
         scalar("sim/time/sim_speed_actual", Computed(|s| s.speed)),
-        scalar("sim/flightmodel2/misc/has_crashed", Read(Crash)),
+        int("sim/flightmodel2/misc/has_crashed", Read(Crash)),
         scalar("sim/operation/misc/frame_rate_period", Computed(|s| s.frame_period_s)),
-        scalar("sim/version/xplane_internal_version", Computed(|s| s.version.into())),
+        int("sim/version/xplane_internal_version", Computed(|s| s.version.into())),
         // No failure happens here at random, whatever is written. X-Plane 11 and 12 spell it differently.
-        scalar("sim/operation/failures/enable_random_falures", Kept(RandomFailures)),
-        scalar("sim/operation/failures/enable_random_failures", Kept(RandomFailures)),
+        int("sim/operation/failures/enable_random_falures", Kept(RandomFailures)),
+        int("sim/operation/failures/enable_random_failures", Kept(RandomFailures)),
         // Faults on order, which no X-Plane has.
         scalar("skein/standin/speed", Kept(Speed)),
         scalar("skein/standin/drop_share", Kept(DropShare)),
@@ -253,12 +271,12 @@ static DATAREFS: &[Dataref] = &{
         scalar("skein/standin/crash", Kept(Crash)),
         scalar("skein/standin/move_origin", Kept(MoveOrigin)),
         // Rows a second.
-        scalar("sim/network/dataout/network_data_rate", Kept(DataRate)),
+        int("sim/network/dataout/network_data_rate", Kept(DataRate)),
         // Controls.
-        scalar("sim/operation/override/override_joystick", Kept(OverrideJoystick)),
-        scalar("sim/operation/override/override_joystick_roll", Kept(OverrideRoll)),
-        scalar("sim/operation/override/override_joystick_pitch", Kept(OverridePitch)),
-        scalar("sim/operation/override/override_joystick_heading", Kept(OverrideYaw)),
+        int("sim/operation/override/override_joystick", Kept(OverrideJoystick)),
+        int("sim/operation/override/override_joystick_roll", Kept(OverrideRoll)),
+        int("sim/operation/override/override_joystick_pitch", Kept(OverridePitch)),
+        int("sim/operation/override/override_joystick_heading", Kept(OverrideYaw)),
         scalar("sim/joystick/yoke_roll_ratio", Kept(Roll)),
         scalar("sim/joystick/yoke_pitch_ratio", Kept(Pitch)),
         scalar("sim/joystick/yoke_heading_ratio", Kept(Yaw)),
@@ -267,7 +285,7 @@ static DATAREFS: &[Dataref] = &{
         // The governor controls the throttle, whatever is written here.
         scalar("sim/cockpit2/engine/actuators/throttle_ratio_all", All(Throttle)),
         per_engine("sim/cockpit2/engine/actuators/throttle_ratio", Kept(Throttle)),
-        per_engine("sim/cockpit2/engine/actuators/governor_on", Kept(Governor)),
+        int_per_engine("sim/cockpit2/engine/actuators/governor_on", Kept(Governor)),
     ]
 };
 
@@ -287,22 +305,22 @@ impl Handle {
     pub(super) fn find(path: &str, engines: usize) -> Option<Self> {
         let (name, element) = name_and_element(path)?;
         let dataref = DATAREFS.iter().find(|dataref| dataref.path == name)?;
-        let elements = match dataref.length {
-            Length::One => 1,
-            Length::Engines => engines.min(ENGINES),
-            Length::Text => TEXT,
-        };
-        (element < elements).then_some(Self { dataref, element })
+        (element < dataref.elements(engines)).then_some(Self { dataref, element })
     }
 
-    /// Reads the value; every type of dataref is sent as f32.
-    pub(super) fn read(&self, situation: &Situation, settings: &Settings) -> f32 {
+    /// An element of a dataref, which has to have it.
+    pub(super) fn of(dataref: &'static Dataref, element: usize) -> Self {
+        Self { dataref, element }
+    }
+
+    /// Reads the value; over UDP every type is sent as f32.
+    pub(super) fn read(&self, situation: &Situation, settings: &Settings) -> f64 {
         match self.dataref.source {
-            Source::Computed(value) if self.element == 0 => value(situation) as f32,
+            Source::Computed(value) if self.element == 0 => value(situation),
             Source::Computed(_) => 0.0,
-            Source::Kept(setting) => settings.0[setting as usize][self.element],
+            Source::Kept(setting) => settings.get(setting, self.element).into(),
             Source::Text(text) => text(situation).as_bytes().get(self.element).map_or(0.0, |&byte| byte.into()),
-            Source::All(setting) | Source::Read(setting) => settings.first(setting),
+            Source::All(setting) | Source::Read(setting) => settings.first(setting).into(),
         }
     }
 
@@ -315,7 +333,7 @@ impl Handle {
                 setting
             }
             Source::All(setting) => {
-                settings.0[setting as usize] = [setting.stored_value(value); ENGINES];
+                settings.set_all(setting, value);
                 setting
             }
         };

@@ -5,7 +5,8 @@ use std::net::SocketAddr;
 
 use super::Version;
 use super::clients::Schedule;
-use super::datarefs::{Setting, Settings, Situation};
+use super::datarefs::Situation;
+use super::settings::{Setting, Settings};
 use crate::plant::xplane::convert::rpm_from_rad_s;
 use crate::plant::xplane::wire::radr::{RadarPoint, RadarPoint11, RadarRequest};
 use crate::plant::xplane::wire::rows::{DATA_OUTPUT, Destination, Output, Row, Selection, encode_rows};

@@ -167,7 +167,7 @@ fn the_same_index_again_replaces_path_and_rate() {
     bench.subscribe_value(client(1), 25, 7, "sim/version/xplane_internal_version");
     bench.frames(50);
     let values = &bench.values(client(1))[&7];
-    assert_eq!((values.len(), values[0]), (25, 121_400.0));
+    assert_eq!((values.len(), values[0]), (25, 124_000.0));
 }
 
 #[test]
@@ -367,7 +367,7 @@ fn the_beacon_comes_once_a_second() {
             received.push(frame);
             let beacon = Beacon::decode(datagram).unwrap();
             assert!(beacon.is_master());
-            assert_eq!((beacon.minor, beacon.port, beacon.version, beacon.name.as_str()), (2, 49010, 121_400, "lab"));
+            assert_eq!((beacon.minor, beacon.port, beacon.version, beacon.name.as_str()), (2, 49010, 124_000, "lab"));
             assert_eq!(datagram.len(), 21 + 3 + 1 + 2);
         }
         bench.frame();

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use skein_common::frame::{Attitude, Origin, PositionNed, wrap_rad};
-use skein_core::helicopter::{BuiltInVehicle, TICK_S};
+use skein_core::helicopter::{BuiltInVehicle, TICK_S, Weather};
 use skein_core::plant::{Controls, Frame};
 
 /// How far back a replay reaches, s.
@@ -40,6 +40,11 @@ impl Aircraft {
         while self.past.front().is_some_and(|oldest| oldest.time.seconds() < newest.time.seconds() - REPLAY_S) {
             self.past.pop_front();
         }
+    }
+
+    /// From now on this weather prevails.
+    pub(super) fn set_weather(&mut self, weather: &Weather) {
+        self.vehicle.set_weather(weather);
     }
 
     /// The state now. Between two ticks the helicopter moves and turns at its last rates: X-Plane simulates every frame,

@@ -54,6 +54,14 @@ pub struct StandinOptions {
     /// The aircraft file that clients read as loaded
     #[arg(long, value_name = "PATH", default_value = DEFAULT_ACF)]
     pub acf: String,
+    /// TCP port of the Web API of vehicle 1, on this computer only, which is 8086 in X-Plane; vehicle i has
+    /// PORT + 10·(i − 1). With 0 the system chooses; `off` for none. X-Plane 11 has none
+    #[arg(long, value_name = "PORT", default_value = "off")]
+    pub web: WebPort,
+    /// Whether incoming connections are accepted, as X-Plane's setting of that name: if not, datagrams are ignored and
+    /// the Web API refuses requests with 403
+    #[arg(long, default_value_t = true, action = clap::ArgAction::Set)]
+    pub incoming: bool,
     /// Whether to announce itself by multicast on this computer
     #[arg(long, default_value_t = true, action = clap::ArgAction::Set)]
     pub beacon: bool,
@@ -80,6 +88,30 @@ pub struct StandinOptions {
     pub aircraft: Option<PathBuf>,
 }
 
+/// First TCP port of the Web API, if there is one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WebPort(pub Option<u16>);
+
+impl std::fmt::Display for WebPort {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            Some(port) => port.fmt(f),
+            None => f.write_str("off"),
+        }
+    }
+}
+
+impl std::str::FromStr for WebPort {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match (text, text.parse()) {
+            ("off", _) => Ok(Self(None)),
+            (_, Ok(port)) => Ok(Self(Some(port))),
+            _ => Err("has to be a port or off".to_owned()),
+        }
+    }
+}
+
 /// Why a stand-in cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum StandinError {
@@ -88,6 +120,14 @@ pub enum StandinError {
     Bind {
         /// Address to listen on.
         address: SocketAddr,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// The port of the Web API is in use.
+    #[error("cannot listen on TCP port {port}: {source}; choose another with --web, or --web off")]
+    Web {
+        /// Port to listen on.
+        port: u16,
         /// The system's error.
         source: io::Error,
     },
@@ -137,14 +177,23 @@ pub(super) fn check_frames(options: &StandinOptions) -> Result<(), StandinError>
 }
 
 pub(super) fn udp_port(options: &StandinOptions) -> Result<u16, StandinError> {
-    if options.port == 0 {
+    port_of("port", options.port, options.id)
+}
+
+/// Port of the Web API, if there is one.
+pub(super) fn web_port(options: &StandinOptions) -> Result<Option<u16>, StandinError> {
+    match (options.version, options.web) {
+        (Version::V12, WebPort(Some(first))) => port_of("web", first, options.id).map(Some),
+        _ => Ok(None),
+    }
+}
+
+fn port_of(option: &'static str, first: u16, id: VehicleId) -> Result<u16, StandinError> {
+    if first == 0 {
         return Ok(0);
     }
-    let offset = PORT_STEP * u16::from(options.id.get() - 1);
-    options
-        .port
-        .checked_add(offset)
-        .ok_or_else(|| refuse("port", options.port, "small enough for PORT + 10·(id − 1) to be a port"))
+    let offset = PORT_STEP * u16::from(id.get() - 1);
+    first.checked_add(offset).ok_or_else(|| refuse(option, first, "small enough for PORT + 10·(id − 1) to be a port"))
 }
 
 pub(super) fn start(options: &StandinOptions) -> Result<(Geodetic, f64), StandinError> {

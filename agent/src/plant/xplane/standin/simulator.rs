@@ -1,15 +1,13 @@
 //! The simulator of a stand-in without sockets and clock: the caller carries the datagrams and keeps the pace.
 
-use std::f64::consts::PI;
 use std::net::SocketAddr;
 
 use rand_chacha::ChaCha8Rng;
 use skein_common::frame::{Geodetic, Origin};
-use skein_common::math;
 
 use super::aircraft::Aircraft;
 use super::options::{StandinError, StandinOptions, check_frames, parameters, start, weather};
-use crate::plant::xplane::server::{Order, Server, Surroundings};
+use crate::plant::xplane::server::{Order, Server, Surroundings, Task, Value};
 use crate::plant::xplane::wire::prel::Placement;
 use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
 use skein_core::plant::Frame;
@@ -26,7 +24,7 @@ enum Absence {
 
 /// Whether a simulator runs its frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Presence {
+pub enum RunState {
     /// It runs the frame.
     Running,
     /// It hangs: datagrams wait.
@@ -48,6 +46,7 @@ pub struct Simulator {
     random: ChaCha8Rng,
     /// What it does instead of frames, if anything.
     absence: Option<Absence>,
+    starts: u64,
 }
 
 impl Simulator {
@@ -65,6 +64,7 @@ impl Simulator {
             server: server(options, &weather),
             random: generator(options.seed, Some(options.id), Purpose::Simulator),
             absence: None,
+            starts: 1,
             options: options.clone(),
             parameters,
             weather,
@@ -83,22 +83,22 @@ impl Simulator {
     }
 
     /// Begins a frame: its length, s, and whether it takes place.
-    pub fn begin_frame(&mut self) -> (f64, Presence) {
+    pub fn begin_frame(&mut self) -> (f64, RunState) {
         let deviation = self.options.jitter * (2.0 * uniform(&mut self.random) - 1.0);
         let frame_s = (1.0 + deviation) / f64::from(self.options.rate);
         (frame_s, self.presence(frame_s))
     }
 
     /// Whether this frame takes place; ends an absence that is over.
-    fn presence(&mut self, frame_s: f64) -> Presence {
+    fn presence(&mut self, frame_s: f64) -> RunState {
         let (presence, left_s) = match self.absence {
-            None => return Presence::Running,
-            Some(Absence::Frozen(left_s)) => (Presence::Frozen, left_s - frame_s),
-            Some(Absence::Gone(left_s)) => (Presence::Gone, left_s - frame_s),
+            None => return RunState::Running,
+            Some(Absence::Frozen(left_s)) => (RunState::Frozen, left_s - frame_s),
+            Some(Absence::Gone(left_s)) => (RunState::Gone, left_s - frame_s),
         };
         self.absence = match presence {
             _ if left_s <= 0.0 => None,
-            Presence::Gone => Some(Absence::Gone(left_s)),
+            RunState::Gone => Some(Absence::Gone(left_s)),
             _ => Some(Absence::Frozen(left_s)),
         };
         presence
@@ -109,11 +109,32 @@ impl Simulator {
         if self.is_lost() {
             return true;
         }
-        match self.server.handle(datagram, from) {
+        let order = self.server.handle(datagram, from);
+        self.obey(order)
+    }
+
+    /// Carries a task of the Web API out; the values read. `None` before the first frame.
+    pub fn serve(&mut self, task: &Task) -> Option<Vec<Value>> {
+        let (values, orders) = self.server.serve(task)?;
+        for order in orders {
+            self.obey(Some(order));
+        }
+        Some(values)
+    }
+
+    /// Number of times that it has been started.
+    pub fn starts(&self) -> u64 {
+        self.starts
+    }
+
+    /// Does what a message asks for; returns whether it can take another one in this frame.
+    fn obey(&mut self, order: Option<Order>) -> bool {
+        match order {
             Some(Order::Place(placement)) => self.place(&placement),
             Some(Order::Reset) => self.reset(),
             Some(Order::Freeze(seconds)) => self.absence = Some(Absence::Frozen(seconds.into())),
             Some(Order::Restart(seconds)) => {
+                self.starts += 1;
                 self.server = server(&self.options, &self.weather);
                 self.reset();
                 self.absence = Some(Absence::Gone(seconds.into()));
@@ -126,6 +147,10 @@ impl Simulator {
 
     /// Ends a frame of this length: moves the helicopter and passes each datagram that is due to `send`.
     pub fn end_frame(&mut self, frame_s: f64, mut send: impl FnMut(SocketAddr, &[u8])) {
+        if let Some(weather) = self.server.take_weather() {
+            self.weather = weather;
+            self.aircraft.set_weather(&weather);
+        }
         let controls = self.server.take_controls();
         let simulated_s = self.server.simulated_s(frame_s);
         if simulated_s > 0.0 && !self.server.has_crashed() {
@@ -171,9 +196,7 @@ fn vehicle(
 
 /// A simulator that has just started.
 fn server(options: &StandinOptions, weather: &Weather) -> Server {
-    let to_rad = weather.wind_from_rad + PI;
-    let wind_m_s = [weather.wind_m_s * math::sin(to_rad), 0.0, -weather.wind_m_s * math::cos(to_rad)];
-    let surroundings = Surroundings { acf: options.acf.as_str().into(), wind_m_s };
+    let surroundings = Surroundings { acf: options.acf.as_str().into(), weather: *weather };
     let mut server = Server::new(options.version, options.rate, surroundings);
     server.set_drop_share(options.drop);
     server

@@ -11,6 +11,7 @@ use crate::plant::xplane::wire::rpos::{self, Position};
 use crate::plant::xplane::wire::{MAX_DATAGRAM, rref};
 
 mod faults;
+mod web;
 
 #[derive(Parser)]
 #[command(args_override_self = true)]

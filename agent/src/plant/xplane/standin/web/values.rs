@@ -1,0 +1,89 @@
+//! Values of datarefs as JSON, and back.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Number, Value as Json};
+
+use super::Fault;
+use crate::plant::xplane::server::{Dataref, Value, ValueType};
+
+/// Number of engines of X-Plane 12, the only version with a Web API.
+const ENGINES: usize = 16;
+
+/// Name of a type.
+pub(super) fn type_name(value_type: ValueType) -> &'static str {
+    match value_type {
+        ValueType::Int => "int",
+        ValueType::Float => "float",
+        ValueType::Double => "double",
+        ValueType::IntArray => "int_array",
+        ValueType::FloatArray => "float_array",
+        ValueType::Data => "data",
+    }
+}
+
+fn is_whole(value_type: ValueType) -> bool {
+    matches!(value_type, ValueType::Int | ValueType::IntArray)
+}
+
+fn is_array(value_type: ValueType) -> bool {
+    matches!(value_type, ValueType::IntArray | ValueType::FloatArray | ValueType::Data)
+}
+
+fn number(value: f64, value_type: ValueType) -> Json {
+    if is_whole(value_type) {
+        Json::from(value as i64)
+    } else {
+        Number::from_f64(value).map_or(Json::Null, Json::Number)
+    }
+}
+
+/// The whole value as JSON: numbers, arrays, and bytes in base64.
+pub(super) fn to_json(value: &Value, value_type: ValueType) -> Json {
+    match value {
+        Value::Number(value) => number(*value, value_type),
+        Value::Numbers(values) => values.iter().map(|value| number(*value, value_type)).collect(),
+        Value::Bytes(bytes) => STANDARD.encode(bytes).into(),
+    }
+}
+
+/// One element of an array as JSON.
+pub(super) fn element_to_json(value: &Value, value_type: ValueType, at: usize) -> Json {
+    match value {
+        Value::Number(value) => number(*value, value_type),
+        Value::Numbers(values) => values.get(at).map_or(Json::Null, |value| number(*value, value_type)),
+        Value::Bytes(bytes) => bytes.get(at).map_or(Json::Null, |&byte| byte.into()),
+    }
+}
+
+/// Checks an index against a dataref; `what` names the dataref in the message.
+pub(super) fn check_index(dataref: &Dataref, index: Option<u64>, what: &str) -> Result<Option<usize>, Fault> {
+    let Some(index) = index else { return Ok(None) };
+    if !is_array(dataref.value_type()) {
+        let message = format!("An index was provided for {what} but the dataref is not an array");
+        return Err(Fault::bad("not_an_array", message));
+    }
+    let at = usize::try_from(index).ok().filter(|&at| at < dataref.elements(ENGINES));
+    at.map(Some).ok_or_else(|| Fault::bad("index_out_of_range", format!("{what} array index out of range")))
+}
+
+/// The elements that a client wants to write, with their values.
+pub(super) fn elements(dataref: &Dataref, index: Option<usize>, data: &Json) -> Result<Vec<(usize, f64)>, Fault> {
+    let unfit = || {
+        Fault::bad("incompatible_data", "Provided data is too much or not enough to set all elements of the dataref")
+    };
+    if !dataref.is_writable() {
+        let message = "Attempted to write to a read-only dataref";
+        return Err(Fault::new(axum::http::StatusCode::FORBIDDEN, "dataref_is_readonly", message));
+    }
+    match (data, index) {
+        (Json::Array(values), None) if values.len() == dataref.elements(ENGINES) && is_array(dataref.value_type()) => {
+            values.iter().enumerate().map(|(at, value)| Ok((at, value.as_f64().ok_or_else(unfit)?))).collect()
+        }
+        (Json::Number(value), None) if !is_array(dataref.value_type()) => {
+            Ok(vec![(0, value.as_f64().ok_or_else(unfit)?)])
+        }
+        (Json::Number(value), Some(at)) => Ok(vec![(at, value.as_f64().ok_or_else(unfit)?)]),
+        _ => Err(unfit()),
+    }
+}

@@ -1,0 +1,85 @@
+//! What X-Plane 12's Web API adds to the checks. UDP is silent about a dataref that does not exist; the Web API says so.
+
+use skein_core::aircraft::Profile;
+
+use crate::cluster::check::Line;
+use crate::simulators::survey::Survey;
+use crate::simulators::web::{WebApi, WebChoice, WebError};
+
+/// First version number with a Web API, and the first that starts flights.
+const FIRST: f32 = 121_100.0;
+const ACF: &str = "sim/aircraft/view/acf_relative_path";
+
+/// The Web API as it was found.
+pub(super) enum WebChecks {
+    /// It was not looked for.
+    Off,
+    /// It answers.
+    There(Box<WebApi>),
+    /// It does not.
+    Not(WebError),
+}
+
+impl WebChecks {
+    pub(super) fn of(choice: &WebChoice) -> Self {
+        match choice {
+            WebChoice::Off => Self::Off,
+            WebChoice::At(at) => WebApi::open(at).map_or_else(Self::Not, |api| Self::There(Box::new(api))),
+        }
+    }
+
+    /// Path of the loaded aircraft's file.
+    pub(super) fn aircraft(&self) -> Option<String> {
+        match self {
+            Self::There(api) => api.text(ACF),
+            _ => None,
+        }
+    }
+
+    /// Whether it is there, and whether it lists every dataref of the aircraft's file.
+    pub(super) fn lines(&self, place: &str, survey: &Survey, profile: &Profile) -> Vec<Line> {
+        let line = |found: String| Line::new(place, "web API", found);
+        match self {
+            Self::Off => {
+                vec![line("not looked for: it answers on the X-Plane's own PC only, see --web".to_owned()).unknown()]
+            }
+            Self::Not(WebError::Forbidden(at)) => vec![
+                line(format!("{at} refuses everything"))
+                    .warning("set Settings, Network, \"Accept incoming connections\""),
+            ],
+            Self::Not(_) if survey.value(super::VERSION).is_some_and(|version| version < FIRST) => {
+                vec![line("X-Plane before 12.1.1 has none, and needs none to fly".to_owned())]
+            }
+            Self::Not(error) => vec![line(format!("{error}; not needed to fly")).unknown()],
+            Self::There(api) => {
+                let flights = if api.starts_flights() { "starts flights" } else { "starts no flights" };
+                let found = format!(
+                    "{} of X-Plane {}, {} datarefs, {flights}",
+                    api.versions.join(", "),
+                    api.simulator,
+                    api.count()
+                );
+                std::iter::once(line(skein_common::printable::printable(&found, 120)))
+                    .chain(missing(place, api, profile))
+                    .collect()
+            }
+        }
+    }
+}
+
+/// Each dataref of the aircraft's file that X-Plane does not list.
+fn missing(place: &str, api: &WebApi, profile: &Profile) -> Vec<Line> {
+    let all = profile.datarefs();
+    let missing: Vec<Line> = all
+        .iter()
+        .filter(|dataref| api.find(dataref.as_str()).is_none())
+        .map(|dataref| {
+            Line::new(place, "web datarefs", format!("{}: X-Plane has no such dataref", dataref.as_str()))
+                .fault("correct the table [xplane] of the aircraft's file, or load the aircraft that it is for")
+        })
+        .collect();
+    if missing.is_empty() {
+        return vec![Line::new(place, "web datarefs", format!("all {} of the aircraft's file exist", all.len()))];
+    }
+    missing
+}
