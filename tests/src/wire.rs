@@ -49,7 +49,7 @@ const JOIN_LIMIT_S: f64 = 60.0;
 
 /// The frames and the link of every simulator of a flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cell {
+pub struct Frames {
     /// Frames a second.
     pub rate: u32,
     /// Largest deviation of a frame's length, as a share of it.
@@ -142,7 +142,7 @@ fn simulator_address() -> SocketAddr {
 }
 
 /// Options of the simulator of a vehicle at this place.
-fn options(scenario: &Scenario, origin: &Origin, id: VehicleId, start: &Start, cell: Cell) -> StandinOptions {
+fn options(scenario: &Scenario, origin: &Origin, id: VehicleId, start: &Start, cell: Frames) -> StandinOptions {
     let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
     let defaults = StandinOptions::augment_args(Arguments::new("standin")).get_matches_from(["standin"]);
     let defaults = StandinOptions::from_arg_matches(&defaults).expect("defaults");
@@ -165,7 +165,7 @@ impl Swarm {
     ///
     /// # Panics
     /// If the scenario is not valid.
-    pub fn new(scenario: &Scenario, cell: Cell) -> Self {
+    pub fn new(scenario: &Scenario, cell: Frames) -> Self {
         let aircraft = Aircraft::shipped("xcell60").expect("a shipped aircraft").expect("a well-formed file");
         let origin = Origin::new(scenario.origin.geodetic());
         let starts = starts(scenario).expect("room for all starts");
@@ -419,7 +419,7 @@ fn through_wire<M: Message>(message: &M) -> M {
 }
 
 /// Flies the shipped hover with this seed for so long, s, whatever the frame rate; `None` if not all vehicles join.
-pub fn fly(seed: u64, cell: Cell, duration_s: f64) -> Option<Report> {
+pub fn fly(seed: u64, cell: Frames, duration_s: f64) -> Option<Report> {
     let scenario = Scenario { seed, ..scenario("hover.toml", &["plant.min_frame_rate_hz=0"]) };
     let mut swarm = Swarm::new(&scenario, cell);
     let mut metrics = Metrics::new(&scenario, Run::new(&scenario, "wire"));
@@ -439,10 +439,10 @@ pub fn fly(seed: u64, cell: Cell, duration_s: f64) -> Option<Report> {
 }
 
 /// All cells of the table.
-pub fn cells() -> Vec<Cell> {
+pub fn cells() -> Vec<Frames> {
     let rates = [100, 50, 30, 20, 15];
     let links = [(0.0, 0.0), (0.0, 0.05), (0.0, 0.2), (0.5, 0.0), (0.5, 0.05), (0.5, 0.2)];
-    rates.iter().flat_map(|&rate| links.map(|(jitter, drop)| Cell { rate, jitter, drop })).collect()
+    rates.iter().flat_map(|&rate| links.map(|(jitter, drop)| Frames { rate, jitter, drop })).collect()
 }
 
 /// The figures of the shipped hover in every cell: median and largest of the seeds.

@@ -7,9 +7,9 @@ use skein_common::message::{EventKind, Standstill};
 use skein_common::scenario::Scenario;
 use skein_lab::metrics::largest_gap_deviation_rad;
 use skein_tests::scenario;
-use skein_tests::wire::{Cell, Swarm};
+use skein_tests::wire::{Frames, Swarm};
 
-const CELL: Cell = Cell { rate: 50, jitter: 0.2, drop: 0.02 };
+const CELL: Frames = Frames { rate: 50, jitter: 0.2, drop: 0.02 };
 /// The vehicle whose simulator has the fault, counted from 0.
 const VICTIM: usize = 1;
 /// When the fault begins: the ring is even, s.
@@ -211,7 +211,7 @@ fn a_moved_local_origin_changes_nothing() {
 #[test]
 fn with_fewer_than_20_frames_a_second_no_vehicle_takes_off_unless_the_scenario_asks_for_it() {
     let flown = |sets: &[&str]| {
-        let mut swarm = Swarm::new(&scenario("hover.toml", sets), Cell { rate: 15, jitter: 0.0, drop: 0.0 });
+        let mut swarm = Swarm::new(&scenario("hover.toml", sets), Frames { rate: 15, jitter: 0.0, drop: 0.0 });
         swarm.run_until(40.0);
         let heights: Vec<_> = (0..4).map(|nth| swarm.place(nth).1).collect();
         (heights, swarm.events)

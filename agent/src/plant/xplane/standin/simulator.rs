@@ -86,11 +86,11 @@ impl Simulator {
     pub fn begin_frame(&mut self) -> (f64, RunState) {
         let deviation = self.options.jitter * (2.0 * uniform(&mut self.random) - 1.0);
         let frame_s = (1.0 + deviation) / f64::from(self.options.rate);
-        (frame_s, self.presence(frame_s))
+        (frame_s, self.state(frame_s))
     }
 
     /// Whether this frame takes place; ends an absence that is over.
-    fn presence(&mut self, frame_s: f64) -> RunState {
+    fn state(&mut self, frame_s: f64) -> RunState {
         let (presence, left_s) = match self.absence {
             None => return RunState::Running,
             Some(Absence::Frozen(left_s)) => (RunState::Frozen, left_s - frame_s),
