@@ -246,7 +246,8 @@ impl Central {
 
 impl Driver for Central {
     /// The agents of a central controller share a perfect network and one clock, and send every frame, because silence
-    /// would save nothing.
+    /// would save nothing. Frames that a slow controller skips are not those of a slow simulator: they keep no vehicle on
+    /// the ground.
     fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario {
         let defaults = Source { name: "defaults", text: "swarm.vehicles = 1" };
         #[expect(clippy::expect_used, reason = "the smallest scenario, which tests load")]
@@ -254,6 +255,7 @@ impl Driver for Central {
         let peer_stale_s = scenario.network.peer_stale_s;
         let network = Network { send: SendMode::EveryFrame, peer_stale_s, ..perfect };
         let mut scenario = Scenario { network, ..scenario.clone() };
+        scenario.plant.min_frame_rate_hz = 0.0;
         for vehicle in &mut scenario.vehicle {
             (vehicle.clock_offset_s, vehicle.clock_drift_ppm) = (0.0, 0.0);
         }
