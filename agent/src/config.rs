@@ -10,7 +10,7 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use skein_common::frame::{Origin, PositionNed};
+use skein_common::frame::Origin;
 use skein_common::id::{VehicleId, VehicleName};
 use skein_common::scenario::{
     self, ControlMode, Described, FileKind, Loaded, ModelKind, PlantKind, Scenario, ScenarioError, Source,
@@ -20,6 +20,7 @@ use skein_common::scenario::{
 use crate::link::Security;
 use crate::link::signature::VerificationKey;
 use crate::plant::builtin::BuiltIn;
+use crate::plant::xplane::placing::start_of;
 use crate::plant::xplane::wire::{self, prel::Placement};
 use crate::plant::xplane::{self, XPlane};
 use crate::unix;
@@ -29,6 +30,7 @@ use skein_core::builtin::{BuiltInPlant, NoFlightModel};
 use skein_core::control::Rules;
 use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::helicopter::{Script, TICK_S};
+use skein_core::pilot::SimulatedPilot;
 use skein_core::plant::Plant;
 use skein_core::start::{StartAreaTooSmall, starts};
 use skein_host::external::{self, ExternalError};
@@ -62,6 +64,9 @@ pub struct AgentOptions {
     /// The run of the swarm, printed by `skein cluster up`: orders of another run are refused
     #[arg(long, value_name = "N", value_parser = number)]
     pub run: Option<u64>,
+    /// Folder for the inputs of the agent: after a fault, or under record.inputs, `skein replay` runs them again
+    #[arg(long, value_name = "DIR")]
+    pub inputs: Option<PathBuf>,
 }
 
 /// Contents of a node's own file.
@@ -193,6 +198,23 @@ pub struct Node {
     pub orders_key: Option<VerificationKey>,
     /// Run of the swarm; 0 where runs have no number.
     pub run: u64,
+    /// Where the inputs of the agent go; `None` keeps none.
+    pub inputs: Option<InputsFolder>,
+}
+
+/// Where the inputs of an agent go.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InputsFolder {
+    /// The folder; a file in it is named after the vehicle and the agent's incarnation.
+    pub path: PathBuf,
+    /// The complete scenario file.
+    pub scenario: String,
+    /// Name of the vehicle.
+    pub vehicle: VehicleName,
+    /// The vehicle's aircraft file.
+    pub aircraft: String,
+    /// The rule bases, if they are not those that come with the program.
+    pub rules: Option<[String; 4]>,
 }
 
 /// The plant that flies an aircraft.
@@ -268,6 +290,7 @@ impl AgentOptions {
         let path = own_folder.join(path);
         let name = path.display().to_string();
         let id = full_name.vehicle;
+        let whole = self.inputs.as_ref().map(|_| described.to_toml());
         let Loaded { mut notes, mut scenario, .. } = fleet::swarm_of(full_name, described)
             .ok_or_else(|| ConfigError::Team { name: full_name, file: name.clone() })?;
         check_live(&scenario).map_err(|source| ConfigError::UnsupportedScenario { file: name.clone(), source })?;
@@ -277,8 +300,20 @@ impl AgentOptions {
         let Some(vehicle) = scenario.vehicle(id) else {
             return Err(ConfigError::NotInSwarm { id, file: name, vehicles });
         };
-        let (aircraft, _) = files::aircraft(&vehicle.aircraft, folder)?;
-        let rules = files::rules(&scenario.control.rules, folder)?;
+        let (aircraft, aircraft_text) = files::aircraft(&vehicle.aircraft, folder)?;
+        let (rules, rule_texts) = files::rules(&scenario.control.rules, folder)?;
+        if scenario.record.inputs && self.inputs.is_none() {
+            notes.push(
+                "record.inputs: this agent has no folder for its inputs, so it writes none; add --inputs DIR".into(),
+            );
+        }
+        let inputs = self.inputs.clone().zip(whole).map(|(path, scenario)| InputsFolder {
+            path,
+            scenario,
+            vehicle: full_name,
+            aircraft: aircraft_text,
+            rules: rule_texts,
+        });
         let address = self.xplane.as_ref().or(xplane.as_ref());
         let plant = match (plant.unwrap_or(scenario.swarm.plant), address) {
             (PlantKind::Builtin, None) => {
@@ -314,7 +349,21 @@ impl AgentOptions {
             }
         };
         let (flown_s, run) = (self.flown_s, self.run.unwrap_or(0));
-        Ok(Node { scenario, notes, id, listen, dial, aircraft, rules, plant, flown_s, security, orders_key, run })
+        Ok(Node {
+            scenario,
+            notes,
+            id,
+            listen,
+            dial,
+            aircraft,
+            rules,
+            plant,
+            flown_s,
+            security,
+            orders_key,
+            run,
+            inputs,
+        })
     }
 }
 
@@ -327,7 +376,8 @@ impl Node {
         let address = match &self.plant {
             PlantChoice::BuiltIn(vehicle) => {
                 let script = Script::of(&self.scenario.mission.events, self.id);
-                return Ok(Box::new(BuiltIn::new((**vehicle).clone(), script, self.flown_s)));
+                let pilot = SimulatedPilot::new(&self.scenario, &self.aircraft, &self.rules);
+                return Ok(Box::new(BuiltIn::new((**vehicle).clone(), pilot, script, self.flown_s)));
             }
             PlantChoice::Standin(address) => Some(*address),
             PlantChoice::XPlane(address) => *address,
@@ -336,28 +386,25 @@ impl Node {
         let listen = address.map_or(Ipv4Addr::UNSPECIFIED.into(), |address| listen_for(address.ip()));
         let rate_hz = (1.0 / TICK_S).round() as u32;
         let mut link = XPlane::new(&origin, address, &self.aircraft.xplane, rate_hz, listen)?;
-        if let Some(place) = self.start(&origin) {
+        if let Some(deflection) = self.scenario.plant.stick_release {
+            link.release_at(deflection);
+        }
+        if let Some(place) = self.start() {
             link.start_at(place);
         }
+        let plant = &self.scenario.plant;
+        if plant.random_failures {
+            link.want_random_failures();
+        }
+        link.show_up_to(plant.show_peers, plant.peer_acf.as_deref())?;
         Ok(Box::new(link))
     }
 
     /// Where a simulator has to place the vehicle; nowhere if the scenario leaves it where it is, or if it is flying
     /// already.
-    fn start(&self, origin: &Origin) -> Option<Placement> {
-        if self.scenario.start.pattern == StartPattern::AsIs || self.flown_s.is_some() {
-            return None;
-        }
-        let start = *starts(&self.scenario).ok()?.get(usize::from(self.id.get()) - 1)?;
-        let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
-        Some(Placement {
-            aircraft: 0,
-            latitude_deg: place.latitude_rad.to_degrees(),
-            longitude_deg: place.longitude_rad.to_degrees(),
-            elevation_m: place.altitude_m,
-            heading_deg: start.heading_rad.to_degrees(),
-            speed_m_s: 0.0,
-        })
+    fn start(&self) -> Option<Placement> {
+        let is_placed = self.scenario.start.pattern != StartPattern::AsIs && self.flown_s.is_none();
+        is_placed.then(|| start_of(&self.scenario, self.id)).flatten()
     }
 }
 
@@ -378,7 +425,8 @@ pub fn check_live(scenario: &Scenario) -> Result<(), UnsupportedScenario> {
     if scenario.control.mode == ControlMode::Central {
         return Err(UnsupportedScenario("control.mode = \"central\" is flown only in a study".to_owned()));
     }
-    formation::check(scenario)
+    formation::check(scenario)?;
+    formation::check_airspace(scenario)
 }
 
 fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {

@@ -10,6 +10,7 @@
 
 pub mod config;
 pub mod external;
+pub mod inputs;
 pub mod link;
 pub mod plant;
 pub mod run;

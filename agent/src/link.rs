@@ -30,7 +30,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use skein_common::id::{SwarmName, VehicleId, VehicleName};
-use skein_common::message::{Drops, Event, Heartbeat, Intent, Message, Order, Reason, Refused, State, Trace};
+use skein_common::message::{Drops, Event, Heartbeat, Intent, Message, Order, Reason, Refused, State, Summary, Trace};
 use skein_common::topic::{Author, Branch, Cell, Topic, all};
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
@@ -213,6 +213,8 @@ pub struct Link {
     outgoing: Outgoing,
     /// Whether the trace has a subscriber, for each session.
     trace_is_wanted: Vec<Arc<AtomicBool>>,
+    /// Whether the summary has a subscriber, for each session.
+    summary_is_wanted: Vec<Arc<AtomicBool>>,
     /// Liveliness tokens, dropped with the sessions; the peers then see that this agent has ended.
     _alive: Vec<LivelinessToken>,
     own: VehicleId,
@@ -257,6 +259,8 @@ impl Link {
         }
         let trace = MessagePublisher::open(&sessions, &receiver, &Topic::Trace(own), Priority::DataLow)?;
         let trace_is_wanted = trace.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
+        let summary = MessagePublisher::open(&sessions, &receiver, &Topic::Summary(own), Priority::Data)?;
+        let summary_is_wanted = summary.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
         let mission = MessagePublisher::open(&sessions, &receiver, &Topic::Mission(own), Priority::InteractiveHigh)?;
         let event = MessagePublisher::open(&sessions, &receiver, &Topic::Event(own), Priority::DataHigh)?;
         let (for_thread, all) = (receiver.clone(), sessions.all.clone());
@@ -270,6 +274,7 @@ impl Link {
             last_heartbeat,
             event,
             trace,
+            summary,
         };
         let outgoing = Outgoing::start(move |waiting| publisher_thread.send(waiting)).map_err(LinkError::Thread)?;
         let alive = branch.key(&Topic::Alive(own));
@@ -278,7 +283,7 @@ impl Link {
         };
         // The token comes last: an agent whose token is visible must already be able to receive.
         let alive = sessions.all.iter().map(token).collect::<Result<_, _>>()?;
-        Ok(Self { receiver, outgoing, trace_is_wanted, _alive: alive, own, sessions })
+        Ok(Self { receiver, outgoing, trace_is_wanted, summary_is_wanted, _alive: alive, own, sessions })
     }
 
     /// Moves all messages received since the last call to the end of `received`: the newest of each peer and kind.
@@ -320,6 +325,11 @@ impl Link {
     /// Whether the trace has a subscriber.
     pub fn trace_is_wanted(&self) -> bool {
         self.trace_is_wanted.iter().any(|flag| flag.load(Relaxed))
+    }
+
+    /// Whether the summary has a subscriber.
+    pub fn summary_is_wanted(&self) -> bool {
+        self.summary_is_wanted.iter().any(|flag| flag.load(Relaxed))
     }
 
     /// Opens the health publisher, for use by another thread, and starts to answer clock queries with the time of
@@ -366,6 +376,7 @@ struct PublisherThread {
     last_heartbeat: LastHeartbeat,
     event: MessagePublisher<Event>,
     trace: MessagePublisher<Trace>,
+    summary: MessagePublisher<Summary>,
 }
 
 impl PublisherThread {
@@ -387,6 +398,9 @@ impl PublisherThread {
         }
         waiting.events.drain(..).for_each(|event| self.event.publish(&event));
         waiting.traces.drain(..).for_each(|trace| self.trace.publish(&trace));
+        if let Some(summary) = waiting.summary.take() {
+            self.summary.publish(&summary.rounded());
+        }
     }
 
     fn send_intent(&self, intent: &Intent, cell: Cell) {

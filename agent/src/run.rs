@@ -5,6 +5,7 @@
 //! | control | waits for the plant's frame, steps the [`Station`], writes the controls, hands over the messages to send |
 //! | publisher | sends the messages; may block on the network |
 //! | Zenoh's | store received messages ([`crate::link`]) |
+//! | inputs | keeps what enters and leaves the station ([`crate::inputs`]); may block on the disk |
 //! | law's | queries an external law, if the scenario has one ([`crate::external`]) |
 //! | Tokio's | health and clock comparison once a second, signals |
 //! | log, standard input | may block; one thread each |
@@ -33,8 +34,9 @@ use tokio::runtime::{Builder, Handle};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use crate::config::{AgentOptions, Node};
+use crate::config::{AgentOptions, InputsFolder, Node};
 use crate::external::LiveLaw;
+use crate::inputs::{Flown, Keeper, Recorder};
 use crate::link::{
     CLOCK_QUERY_PERIOD, HealthPublisher, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME,
 };
@@ -179,6 +181,12 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     let link = Link::new(sessions, node.id, clock, trust)?;
     let (health, reports) = mpsc::channel(2);
     let team = node.scenario.team.as_ref();
+    let (recorder, keeper) = match &node.inputs {
+        Some(folder) => {
+            keep_inputs(folder, node, incarnation).map(|(recorder, keeper)| (Some(recorder), Some(keeper)))?
+        }
+        None => (None, None),
+    };
     tokio.spawn(publish_health(link.health(utc_nanoseconds)?, reports));
     let control = Control {
         station,
@@ -195,6 +203,7 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         incarnation,
         stop: stop.clone(),
         health,
+        recorder,
     };
     let (id, plant) = (node.id, node.plant.name());
     let thread = thread::Builder::new().name("control".to_owned()).spawn(move || {
@@ -203,15 +212,32 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         control.run()
     })?;
     unix::notify_service_manager("READY=1");
-    let link = thread.join().map_err(|_| RunError::Panicked)?;
+    let ended = thread.join();
+    if let Some(keeper) = keeper {
+        keeper.finish();
+    }
+    let link = ended.map_err(|_| RunError::Panicked)?;
     unix::notify_service_manager("STOPPING=1");
     link.close();
     tracing::info!("vehicle {id} ends");
     Ok(())
 }
 
-/// Publishes each health message and queries the peers' clocks until the control thread has ended. Health is sent only
-/// while the control loop runs, so it also feeds the service manager's watchdog.
+/// Begins to keep the inputs of the agent.
+fn keep_inputs(folder: &InputsFolder, node: &Node, incarnation: Incarnation) -> io::Result<(Recorder, Keeper)> {
+    let flown = Flown {
+        release: release(),
+        scenario: folder.scenario.clone(),
+        vehicle: folder.vehicle.to_string(),
+        incarnation,
+        flown_s: node.flown_s,
+        aircraft: folder.aircraft.clone(),
+        rules: folder.rules.clone(),
+    };
+    Recorder::start(folder, &flown, node.scenario.record.inputs)
+}
+
+/// Publishes each health message and queries the peers' clocks until the control thread has ended.
 async fn publish_health(mut publisher: HealthPublisher, mut reports: mpsc::Receiver<Health>) {
     let mut ticks = tokio::time::interval(CLOCK_QUERY_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -220,7 +246,6 @@ async fn publish_health(mut publisher: HealthPublisher, mut reports: mpsc::Recei
             health = reports.recv() => {
                 let Some(health) = health else { return };
                 publisher.publish(health);
-                unix::notify_service_manager("WATCHDOG=1");
             }
             _ = ticks.tick() => publisher.query_next_clock(),
         }

@@ -276,7 +276,7 @@ impl Attitude {
 }
 
 /// Angular velocity of the body over the ground in body axes, rad/s.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BodyRates {
     /// Roll rate p, rad/s, right side down positive.
     pub roll_rad_s: f64,

@@ -151,7 +151,7 @@ impl fmt::Display for TeamId {
 }
 
 /// A vehicle of a fleet, written `<team>/<vehicle>`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct FleetVehicle {
     /// Its team.
     pub team: TeamId,
@@ -300,6 +300,13 @@ impl VehicleSet {
         VehicleIds { blocks: self.0, nth: 0 }
     }
 
+    /// One bit for each id from 1 on, the lowest bit of the first byte for vehicle 1.
+    pub fn to_bytes(self) -> [u8; 32] {
+        let mut bytes = [0; 32];
+        bytes.chunks_exact_mut(8).zip(self.0).for_each(|(bytes, block)| bytes.copy_from_slice(&block.to_le_bytes()));
+        bytes
+    }
+
     #[inline]
     fn place(id: VehicleId) -> (usize, u64) {
         let index = usize::from(id.get()) - 1;
@@ -338,6 +345,35 @@ impl FromIterator<VehicleId> for VehicleSet {
             set.insert(id);
             set
         })
+    }
+}
+
+/// A text that does not list vehicles.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum InvalidVehicleSet {
+    /// An id is wrong.
+    #[error(transparent)]
+    Vehicle(#[from] InvalidVehicleId),
+    /// A range ends below its begin.
+    #[error("the range {0}-{1} ends below its begin")]
+    Range(VehicleId, VehicleId),
+}
+
+impl std::str::FromStr for VehicleSet {
+    type Err = InvalidVehicleSet;
+
+    /// Reads ids and ranges of ids: `1,3` or `1-3,7`.
+    fn from_str(text: &str) -> Result<Self, InvalidVehicleSet> {
+        let mut all = Self::default();
+        for part in text.split(',').map(str::trim) {
+            let (first, last) = part.split_once('-').unwrap_or((part, part));
+            let (first, last): (VehicleId, VehicleId) = (first.trim().parse()?, last.trim().parse()?);
+            if last < first {
+                return Err(InvalidVehicleSet::Range(first, last));
+            }
+            all.extend(VehicleId::first(last.get().into()).filter(|id| *id >= first).collect());
+        }
+        Ok(all)
     }
 }
 
@@ -423,6 +459,19 @@ mod tests {
         assert!(SwarmName::new("lab-1").is_ok());
         for bad in ["", "a/b", "*", "a b", "ä"] {
             assert!(SwarmName::new(bad).is_err(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn a_set_of_vehicles_is_read_from_ids_and_ranges() {
+        let set = |text: &str| text.parse::<VehicleSet>().map(|set| set.to_string()).map_err(|why| why.to_string());
+        assert_eq!((set("3"), set("1,3")), (Ok("3".to_owned()), Ok("1, 3".to_owned())));
+        assert_eq!(set("7, 1-3,2"), Ok("1, 2, 3, 7".to_owned()));
+        assert_eq!(set("1-250").map(|text| text.split(',').count()), Ok(250));
+        assert_eq!(set("3-1"), Err("the range 3-1 ends below its begin".to_owned()));
+        assert_eq!(set("1,251"), Err("vehicle ids are 1 to 250, not 251".to_owned()));
+        for bad in ["", ",", "1,", "-3", "1-", "a", "1-2-3"] {
+            assert!(set(bad).is_err(), "{bad:?}");
         }
     }
 

@@ -2,19 +2,22 @@
 //!
 //! A message is one version byte and the [postcard](https://postcard.jamesmunns.com) encoding of its struct. Postcard
 //! writes no field names. To add, drop or move a field therefore needs a new [`VERSION`]; the golden bytes in the tests
-//! fail otherwise. [`decode`] accepts only what a correct peer can send: the right version, the right size, no bytes
+//! fail otherwise. A [`Summary`] is JSON instead, for programs in any language. [`decode`] accepts only what a correct peer can send: the right version, the right size, no bytes
 //! left over, every number finite and in range.
 
 mod clock;
 mod health;
 mod intent;
 mod order;
+mod simulator;
+mod summary;
 mod trace;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::id::{Incarnation, VehicleId, VehicleSet};
+use crate::scenario::Setting;
 use crate::state::{Membership, VehicleState};
 use crate::time::SenderStamp;
 use crate::topic::{Author, Topic};
@@ -22,11 +25,13 @@ use crate::topic::{Author, Topic};
 pub use clock::{ClockAnswer, ClockOffset};
 pub use health::{Drops, Health, PeerHealth, Reason, Refused, Traffic};
 pub use intent::{Area, Intent};
-pub use order::{Order, Signature, Verb};
+pub use order::{Order, Signature, StandingOrders, Verb};
+pub use simulator::{ShortText, SimulatorFault, Standstill};
+pub use summary::{PeerContact, Summary};
 pub use trace::{LawNumber, PeerAge, Trace};
 
 /// Version of the messages: the first byte of every message.
-pub const VERSION: u8 = 6;
+pub const VERSION: u8 = 7;
 
 /// Largest index of a mission step.
 pub const MAX_STEP: u32 = 10_000;
@@ -51,10 +56,22 @@ pub enum DecodeError {
     Implausible,
 }
 
+/// How a message becomes bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// The version byte and the postcard encoding: short, for the messages that fly the swarm.
+    Postcard,
+    /// A JSON object with the fields by name and `version`: for programs in any language.
+    Json,
+}
+
 /// A kind of message between processes.
 pub trait Message: Serialize + DeserializeOwned {
     /// Largest size of a message of this kind, bytes.
     const MAX_BYTES: usize;
+
+    /// How a message of this kind becomes bytes.
+    const ENCODING: Encoding = Encoding::Postcard;
 
     /// Whether every number is finite and in its range.
     fn is_plausible(&self) -> bool;
@@ -88,7 +105,7 @@ impl Header {
 
 /// Position of a message among all messages of its kind from one sender: the newer message is the larger one. A message
 /// of a later incarnation is newer than all messages of an earlier one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct MessageOrder {
     /// The sender's incarnation.
     pub incarnation: Incarnation,
@@ -124,10 +141,16 @@ pub struct Heartbeat {
     pub reached: Option<u32>,
     /// The sender's estimate of how far the formation's centre is along this step's path, m.
     pub progress_m: f64,
-    /// The newest order that the sender received.
+    /// One of the orders that the sender knows ([`StandingOrders`]): a new one at once and several times, then each in
+    /// turn.
     pub order: Option<Order>,
+    /// Number of orders that the sender knows: an observer that has received as many from it knows them all.
+    pub orders: u16,
     /// The newest stamp of one peer, each peer in turn: that peer measures the round trip with it.
     pub echo: Option<Echo>,
+    /// The vehicles that the sender has lost as active members less than a minute ago: it does not receive them, and does not
+    /// keep clear of them.
+    pub lost: VehicleSet,
 }
 
 /// The stamp of a peer's heartbeat, sent back to that peer.
@@ -222,34 +245,14 @@ pub enum EventKind {
     /// The simulator delivers frames at another rate than before, frames a second. Fewer than 45 fly the vehicle worse; with
     /// fewer than `plant.min_frame_rate_hz` it does not take off.
     FrameRate(u32),
-}
-
-/// Why a simulator does not simulate the flight of its vehicle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub enum Standstill {
-    /// It is paused.
-    Paused,
-    /// It shows a replay.
-    InReplay,
-    /// The aircraft has crashed.
-    Crashed,
-    /// The aircraft was placed elsewhere: by a reset, or because it was loaded again.
-    Placed,
-    /// Another program flies the aircraft.
-    Occupied,
-}
-
-impl std::fmt::Display for Standstill {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Paused => "simulator paused, waits for it",
-            Self::InReplay => "simulator in replay, waits for it",
-            Self::Crashed => "aircraft crashed, waits for its reset",
-            Self::Placed => "aircraft placed elsewhere by its simulator, starts anew",
-            Self::Occupied => "another program flies this aircraft, leaves the controls to it",
-        })
-    }
+    /// The sender gave the controls of its vehicle to a human pilot.
+    ControlsReleased,
+    /// The sender took the controls of its vehicle back from the human pilot.
+    ControlsTakenBack,
+    /// The simulator is set up in a way that impairs the flight. The vehicle flies all the same.
+    SimulatorFault(SimulatorFault),
+    /// The sender does not fly with this setting of an operator: together with the others it cannot be flown.
+    SettingRefused(Setting),
 }
 
 /// A failure that an agent detected of its own vehicle, from the mildest to the most severe, with the agent's response.
@@ -293,7 +296,7 @@ impl std::fmt::Display for EventKind {
             Self::PeerLost(id) => write!(f, "lost contact with vehicle {id}"),
             Self::PlanDiffers(id) => write!(f, "vehicle {id} flies a different plan, its agreement state is ignored"),
             Self::AllPeersLost => f.write_str("no peer in contact, holds position"),
-            Self::OrderTaken(order) => write!(f, "accepts the order: {}", order.verb),
+            Self::OrderTaken(order) => write!(f, "accepts the order: {order}"),
             Self::Reached(step) => write!(f, "reached step {step}"),
             Self::Advanced(step) => write!(f, "continues to step {step}"),
             Self::ForcedAdvance { to, without } => write!(f, "continues to step {to} without vehicle {without}"),
@@ -312,6 +315,12 @@ impl std::fmt::Display for EventKind {
             Self::LawBack => f.write_str("external law responds, flies again"),
             Self::SimulatorStopped(why) => write!(f, "{why}"),
             Self::FrameRate(rate_hz) => write!(f, "{rate_hz} frames a second"),
+            Self::ControlsReleased => f.write_str("controls released to the human pilot"),
+            Self::ControlsTakenBack => f.write_str("controls taken back from the human pilot"),
+            Self::SimulatorFault(fault) => write!(f, "{fault}"),
+            Self::SettingRefused(setting) => {
+                write!(f, "refuses {setting}, which cannot be flown with the other settings")
+            }
         }
     }
 }
@@ -336,19 +345,31 @@ macro_rules! message {
 use message;
 
 message!(State, 128, |message| Author::Vehicle(message.header.sender), |message| message.state.is_plausible());
-message!(Heartbeat, 192, |message| Author::Vehicle(message.header.sender), |message| {
+message!(Heartbeat, 256, |message| Author::Vehicle(message.header.sender), |message| {
     message.step <= MAX_STEP
         && message.vouched <= message.step
         && message.reached.is_none_or(|reached| reached <= MAX_STEP)
         && message.progress_m.abs() < 1e9
+        && message.order.is_none_or(|order| order.is_plausible())
 });
-message!(Event, 128, |message| Author::Vehicle(message.header.sender), |_| true);
+message!(Event, 192, |message| Author::Vehicle(message.header.sender), |message| match message.what {
+    EventKind::SimulatorStopped(why) => why.is_plausible(),
+    EventKind::SimulatorFault(fault) => fault.is_plausible(),
+    EventKind::OrderTaken(order) => order.is_plausible(),
+    EventKind::SettingRefused(setting) => setting.is_in_range(),
+    _ => true,
+});
 
 /// Encodes a message as bytes.
 ///
 /// # Panics
-/// Never: postcard can write every type that occurs in a message.
+/// Never: postcard and JSON can write every type that occurs in a message.
 pub fn encode<M: Message>(message: &M) -> Vec<u8> {
+    if M::ENCODING == Encoding::Json {
+        // A text as key, numbers that are finite or null, lists: JSON can write them all.
+        #[expect(clippy::expect_used, reason = "JSON fails only on types that no message has")]
+        return serde_json::to_vec(&WithVersion { version: VERSION, message }).expect("every message has an encoding");
+    }
     // Room for a whole message: postcard writes byte by byte.
     let mut bytes = Vec::with_capacity(M::MAX_BYTES.min(256));
     bytes.push(VERSION);
@@ -363,6 +384,9 @@ pub fn encode<M: Message>(message: &M) -> Vec<u8> {
 /// # Panics
 /// Never, as [`encode`].
 pub fn encoded_len<M: Message>(message: &M) -> usize {
+    if M::ENCODING == Encoding::Json {
+        return encode(message).len();
+    }
     let size = postcard::serialize_with_flavor(message, postcard::ser_flavors::Size::default());
     #[expect(clippy::expect_used, reason = "postcard fails only on types that no message has")]
     let size: usize = size.expect("every message has an encoding");
@@ -374,6 +398,14 @@ pub fn encoded_len<M: Message>(message: &M) -> usize {
 /// # Errors
 /// If no correct peer of this version can have sent these bytes as a message of this kind.
 pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
+    let message: M = match M::ENCODING {
+        Encoding::Postcard => from_postcard(bytes)?,
+        Encoding::Json => from_json(bytes)?,
+    };
+    if message.is_plausible() { Ok(message) } else { Err(DecodeError::Implausible) }
+}
+
+fn from_postcard<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
     let (&version, body) = bytes.split_first().ok_or(DecodeError::Empty)?;
     if version != VERSION {
         return Err(DecodeError::Version(version));
@@ -382,10 +414,34 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
         return Err(DecodeError::TooLong(bytes.len()));
     }
     let (message, rest) = postcard::take_from_bytes::<M>(body).map_err(|_| DecodeError::Malformed)?;
-    if !rest.is_empty() {
-        return Err(DecodeError::Malformed);
+    if rest.is_empty() { Ok(message) } else { Err(DecodeError::Malformed) }
+}
+
+fn from_json<M: Message>(bytes: &[u8]) -> Result<M, DecodeError> {
+    #[derive(Deserialize)]
+    struct OnlyVersion {
+        version: u8,
     }
-    if message.is_plausible() { Ok(message) } else { Err(DecodeError::Implausible) }
+
+    if bytes.is_empty() {
+        return Err(DecodeError::Empty);
+    }
+    if bytes.len() > M::MAX_BYTES {
+        return Err(DecodeError::TooLong(bytes.len()));
+    }
+    let OnlyVersion { version } = serde_json::from_slice(bytes).map_err(|_| DecodeError::Malformed)?;
+    if version != VERSION {
+        return Err(DecodeError::Version(version));
+    }
+    serde_json::from_slice(bytes).map_err(|_| DecodeError::Malformed)
+}
+
+/// A message as a JSON object that names its version.
+#[derive(Serialize)]
+struct WithVersion<'a, M> {
+    version: u8,
+    #[serde(flatten)]
+    message: &'a M,
 }
 
 #[cfg(test)]

@@ -28,6 +28,7 @@ mod model;
 mod plan;
 mod shape;
 mod tree;
+mod tuning;
 mod written;
 
 use std::collections::BTreeMap;
@@ -41,6 +42,7 @@ pub use keys::{
 pub use kind::FileKind;
 pub use law::{LawNameError, OwnLaw, add_laws};
 pub use model::*;
+pub use tuning::{SettingError, Settings};
 pub use written::Written;
 
 use layers::Layers;

@@ -61,6 +61,8 @@ pub enum Activity {
     Landed,
     /// The agent has no data from the simulator: the controls are neutral.
     Blind,
+    /// A human pilot has the controls; the agent follows without touching them.
+    Released,
 }
 
 impl std::fmt::Display for Activity {
@@ -73,6 +75,7 @@ impl std::fmt::Display for Activity {
             Self::Landing => "landing",
             Self::Landed => "landed",
             Self::Blind => "blind",
+            Self::Released => "released",
         })
     }
 }

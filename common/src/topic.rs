@@ -7,6 +7,8 @@
 mod branch;
 mod described;
 
+use std::str::FromStr;
+
 use crate::frame::PositionNed;
 use crate::id::VehicleId;
 
@@ -30,6 +32,8 @@ pub enum Topic {
     Event(VehicleId),
     /// Trace of every step of a vehicle's agent.
     Trace(VehicleId),
+    /// Summary of a vehicle's agent for pages, ground stations and scripts.
+    Summary(VehicleId),
     /// Answer of a vehicle's agent to a clock query.
     Clock(VehicleId),
     /// Order of an operator's process, by the random number of that process.
@@ -59,6 +63,8 @@ pub mod all {
     pub const EVENTS: &str = "vehicle/*/event";
     /// Traces of all vehicles.
     pub const TRACES: &str = "vehicle/*/trace";
+    /// Summaries of all vehicles.
+    pub const SUMMARIES: &str = "vehicle/*/summary";
     /// Orders of all issuers.
     pub const ORDERS: &str = "order/*";
 }
@@ -100,27 +106,30 @@ impl Topic {
             Self::Mission(id) => format!("vehicle/{id}/mission"),
             Self::Event(id) => format!("vehicle/{id}/event"),
             Self::Trace(id) => format!("vehicle/{id}/trace"),
+            Self::Summary(id) => format!("vehicle/{id}/summary"),
             Self::Clock(id) => format!("vehicle/{id}/clock"),
             Self::Order(issuer) => format!("order/{issuer}"),
         }
     }
 
-    /// Parses a key relative to the swarm's branch; `None` if it is not a key of Skein.
+    /// Parses a key relative to the swarm's branch; `None` if it is not a key of Skein. Every topic has one key only:
+    /// a number with a plus sign or leading zeros is refused.
     pub fn parse(key: &str) -> Option<Self> {
         let mut parts = key.split('/');
         let topic = match parts.next()? {
-            "order" => Self::Order(parts.next()?.parse().ok()?),
+            "order" => Self::Order(number(parts.next()?)?),
             "vehicle" => {
-                let id = parts.next()?.parse().ok()?;
+                let id = number(parts.next()?)?;
                 match parts.next()? {
                     "alive" => Self::Alive(id),
                     "health" => Self::Health(id),
                     "mission" => Self::Mission(id),
                     "event" => Self::Event(id),
                     "trace" => Self::Trace(id),
+                    "summary" => Self::Summary(id),
                     "clock" => Self::Clock(id),
                     "cell" => {
-                        let cell = Cell { x: parts.next()?.parse().ok()?, y: parts.next()?.parse().ok()? };
+                        let cell = Cell { x: number(parts.next()?)?, y: number(parts.next()?)? };
                         match parts.next()? {
                             "state" => Self::State(id, cell),
                             "intent" => Self::Intent(id, cell),
@@ -145,10 +154,18 @@ impl Topic {
             | Self::Mission(id)
             | Self::Event(id)
             | Self::Trace(id)
+            | Self::Summary(id)
             | Self::Clock(id) => Author::Vehicle(id),
             Self::Order(issuer) => Author::Issuer(issuer),
         }
     }
+}
+
+/// Parses a number in the spelling that [`Topic::key`] writes.
+fn number<T: FromStr>(text: &str) -> Option<T> {
+    let digits = text.strip_prefix('-').unwrap_or(text);
+    let is_canonical = text == "0" || digits.starts_with(|first| matches!(first, '1'..='9'));
+    is_canonical.then(|| text.parse().ok()).flatten()
 }
 
 #[cfg(test)]
@@ -168,6 +185,7 @@ mod tests {
             (Topic::Mission(id), "vehicle/7/mission"),
             (Topic::Event(id), "vehicle/7/event"),
             (Topic::Trace(id), "vehicle/7/trace"),
+            (Topic::Summary(id), "vehicle/7/summary"),
             (Topic::Clock(id), "vehicle/7/clock"),
             (Topic::Order(12), "order/12"),
         ];
@@ -182,5 +200,23 @@ mod tests {
         for key in ["", "vehicle", "vehicle/0/alive", "vehicle/7/alive/x", "vehicle/7/cell/1/state", "order/x", "a/b"] {
             assert_eq!(Topic::parse(key), None, "{key}");
         }
+    }
+
+    #[test]
+    fn a_number_has_one_spelling() {
+        for key in [
+            "vehicle/+3/alive",
+            "vehicle/03/health",
+            "vehicle/3/cell/-0/1/state",
+            "vehicle/3/cell/0/+1/state",
+            "vehicle/3/cell/00/1/intent",
+            "vehicle/3/cell/-01/1/intent",
+            "order/+1",
+            "order/01",
+            "order/-1",
+        ] {
+            assert_eq!(Topic::parse(key), None, "{key}");
+        }
+        assert_eq!(Topic::parse("order/0"), Some(Topic::Order(0)));
     }
 }

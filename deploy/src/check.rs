@@ -7,8 +7,9 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use skein_common::scenario::{ControlMode, Explained, Loaded, Scenario};
+use skein_common::scenario::{ControlMode, Explained, Loaded, Scenario, Vehicle};
 use skein_core::aircraft::Profile;
+use skein_core::formation::room;
 
 use skein_agent::config::fleet;
 
@@ -40,7 +41,7 @@ pub struct CheckArgs {
     /// its aircraft and origin count
     #[arg(long, value_name = "HOST[:PORT]", conflicts_with = "file")]
     pub xplane: Option<HostPort>,
-    /// With --xplane: its Web API, or off; without it that of this PC, if the X-Plane is on this PC
+    /// With --xplane: its Web API, or off; without it that of vehicle.N.web, or of this PC if the X-Plane is on this PC
     #[arg(long, value_name = "HOST[:PORT]", requires = "xplane")]
     pub web: Option<WebChoice>,
     /// With --xplane: a file for all that was found and a minute of datagrams, to be sent with a question
@@ -62,8 +63,8 @@ pub fn run(args: &CheckArgs) -> Result<(), Error> {
     match (&args.file, &args.xplane) {
         (_, Some(simulator)) => {
             let (scenario, profile) = flown(args)?;
+            let web = WebChoice::or_of(args.web.as_ref(), web_of(&scenario, simulator), simulator);
             let scenario = names_a_scenario.then_some(&scenario);
-            let web = WebChoice::or_of(args.web.as_ref(), simulator);
             let looked_at = xplane::LookedAt { profile: &profile, scenario, web: &web };
             xplane::run(simulator, &looked_at, args.json, args.report.as_deref())
         }
@@ -88,11 +89,19 @@ fn flown(args: &CheckArgs) -> Result<(Scenario, Profile), Error> {
     Ok((scenario, profile))
 }
 
+/// Where the scenario has the Web API of the X-Plane of one of its vehicles.
+fn web_of<'a>(scenario: &'a Scenario, simulator: &HostPort) -> Option<&'a str> {
+    let address = simulator.to_string();
+    let its = |vehicle: &&Vehicle| vehicle.xplane.as_ref() == Some(&address);
+    scenario.ids().filter_map(|id| scenario.vehicle(id)).find(its)?.web.as_deref()
+}
+
 fn scenario(args: &CheckArgs) -> Result<(), Error> {
     let described = args.scenario.read_any(Vec::new())?;
     let first = described.first();
     first.notes.iter().for_each(|note| eprintln!("{note}"));
     script::skipped(&first.scenario).iter().for_each(|skipped| eprintln!("{skipped}"));
+    room::crowded_step(&first.scenario).iter().for_each(|why| eprintln!("{}: {why}", args.scenario.name()));
     let lines = lines(described.all());
     skein_lab::terminal::say(&if args.json { skein_lab::terminal::json(&as_json(&lines)) } else { as_text(&lines) });
     if let Err(why) = fleet::check_size(described.all()) {
@@ -127,7 +136,7 @@ fn target<'a>(args: &'a CheckArgs, loaded: &Loaded) -> Target<'a> {
             eprintln!("control.mode = \"central\": checked for a study, because `skein fly` does not fly it");
             Target::Study
         }
-        ControlMode::Each => Target::Fly { xplane: args.xplane.as_ref() },
+        ControlMode::Each => Target::Fly { xplanes: args.xplane.as_slice() },
     }
 }
 

@@ -22,9 +22,12 @@ use crate::order::{self, OrderArgs};
 use crate::place::{self, PlaceArgs};
 use crate::record::{self, RecordArgs};
 use crate::release::{self, ReleaseArgs};
+use crate::replay::{self, ReplayArgs};
 use crate::report::{self, ReportArgs};
 use crate::scenarios::{self, ScenariosArgs};
+use crate::status::{self, StatusArgs};
 use crate::version;
+use crate::view::{self, ViewArgs};
 use skein_lab::cli::parsed;
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
@@ -53,10 +56,16 @@ pub enum Command {
     Compare(CompareArgs),
     /// Record a live swarm until Ctrl-C; or repair a recording, or join several
     Record(RecordArgs),
+    /// Watch a live swarm, or play a recording, on a page in the browser; or on the terminal
+    View(ViewArgs),
     /// Draw what was flown: pictures and tables on one page
     Report(ReportArgs),
+    /// Run the core of an agent again with its recorded inputs, and compare what it gives with what it gave in flight
+    Replay(ReplayArgs),
     /// Send an order to a live swarm through any of its agents, which pass it on
     Order(OrderArgs),
+    /// How the vehicles of a live swarm are, as they report it: on this PC or on a cluster
+    Status(StatusArgs),
     /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of an X-Plane
     Check(CheckArgs),
     /// Put an X-Plane's aircraft to its vehicle's start, in the scenario's weather
@@ -119,8 +128,11 @@ pub fn run(command: Command) -> ExitCode {
         Command::Study(args) => study::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Record(args) => record::run(&args),
+        Command::View(args) => view::run(&args),
         Command::Report(args) => report::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Order(args) => order::run(&args),
+        Command::Status(args) => status::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Place(args) => place::run(&args),
         Command::Release(args) => release::run(&args),
@@ -237,7 +249,7 @@ mod tests {
         assert_eq!(args.scenario.scenario.as_deref(), Some("my.toml".as_ref()));
         assert_eq!(args.scenario.sets, ["seed=3", "formation.radius_m=50"]);
         assert_eq!((args.plant, args.duration_s, args.seed), (Some(fly::PlantArg::Standin), Some(20.0), Some(4)));
-        assert!(args.json && args.out.is_none() && args.xplane.is_none());
+        assert!(args.json && args.out.is_none() && args.xplane.is_empty());
     }
 
     #[test]

@@ -63,7 +63,7 @@ pub enum ClusterCommand {
     /// Start every agent, and return when each has reported ready by itself
     Up(up::UpArgs),
     /// Show the status of every node, as the vehicles report it
-    Status(status::StatusArgs),
+    Status(status::ClusterStatusArgs),
     /// Show what the agents have written, with the nodes' names
     Logs(logs::LogsArgs),
     /// Land every vehicle and stop its agent

@@ -5,7 +5,7 @@ use std::io::IsTerminal;
 
 use ratatui::crossterm::terminal;
 use serde_json::{Value, json};
-use skein_common::scenario::{Key, Kind, Literal, Range, matching, most_similar};
+use skein_common::scenario::{Key, Kind, Literal, Range, TunableKey, matching, most_similar};
 
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
@@ -83,6 +83,7 @@ fn key_as_text(key: &Key, columns: usize) -> String {
         ("kind", Some(key.kind.to_string())),
         ("range", key.kind.range().map(with_unit)),
         ("default", Some(default)),
+        ("flight", in_flight(key)),
         ("reason", Some(key.about.to_owned())),
     ];
     let mut text = format!("{}\n", key.path);
@@ -94,6 +95,14 @@ fn key_as_text(key: &Key, columns: usize) -> String {
         }
     }
     text
+}
+
+/// How fast the key can change in flight, if it can.
+fn in_flight(key: &Key) -> Option<String> {
+    let rate_per_s = TunableKey::find(key.path)?.rate_per_s().to_string();
+    let rate =
+        key.unit().filter(|unit| *unit != "1").map_or_else(|| rate_per_s.clone(), |unit| spaced(&rate_per_s, unit));
+    Some(format!("`skein order set` changes it by at most {rate} a second"))
 }
 
 /// Joins a number and its unit: 45°, 100 m.

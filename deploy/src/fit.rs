@@ -7,7 +7,7 @@ use std::time::Duration;
 use skein_agent::config::{listen_for, simulator};
 use skein_agent::plant::xplane::XPlane;
 use skein_common::frame::{Geodetic, Origin};
-use skein_core::aircraft::Aircraft;
+use skein_core::aircraft::Profile;
 use skein_core::control::Rules;
 use skein_core::fit::{Fit, Fitted, Rung};
 use skein_core::helicopter::TICK_S;
@@ -31,7 +31,8 @@ pub struct FitArgs {
     /// The X-Plane, with the aircraft on level ground, engine running, in calm air
     #[arg(long, value_name = "HOST[:PORT]")]
     pub xplane: HostPort,
-    /// Aircraft file whose table "xplane" says which datarefs are the controls; without it X-Plane's usual ones
+    /// Aircraft file whose table "xplane" says which datarefs are the controls: one of yours, r22 or rc-helicopter; without
+    /// it X-Plane's usual ones
     #[arg(long, value_name = "AIRCRAFT", default_value = "xcell60", hide_default_value = true)]
     pub base: String,
     /// Print the result as JSON
@@ -54,11 +55,11 @@ pub fn run(args: &FitArgs) -> Result<(), Error> {
     if file.exists() {
         return Err(Error::Refused(format!("{} exists; choose another name, or move it away", file.display())));
     }
-    let (base, text) =
-        files::aircraft(&args.base, Path::new("")).map_err(|fault| Error::Refused(format!("--base: {fault}")))?;
-    let address = format!("{}:{}", args.xplane.host, args.xplane.port);
+    let (profile, text) =
+        files::profile(&args.base, Path::new("")).map_err(|fault| Error::Refused(format!("--base: {fault}")))?;
+    let address = args.xplane.to_string();
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let (fitted, version) = fly(&address, &base, &interrupts)?;
+    let (fitted, version) = fly(&address, &profile, &interrupts)?;
     let found_on = format!("{} at {address}", version_text(version));
     fs::write(&file, aircraft_file(&fitted, &args.name.to_string(), &found_on, &text))
         .map_err(|error| Error::Failed(format!("{}: {error}", file.display())))?;
@@ -80,12 +81,12 @@ pub fn run(args: &FitArgs) -> Result<(), Error> {
 }
 
 /// Flies one fit; gives what it found and X-Plane's version.
-fn fly(address: &str, base: &Aircraft, interrupts: &Interrupts) -> Result<(Fitted, Option<u32>), Error> {
+fn fly(address: &str, profile: &Profile, interrupts: &Interrupts) -> Result<(Fitted, Option<u32>), Error> {
     let simulator = simulator(address).map_err(|error| Error::Refused(error.to_string()))?;
     // The ladder has a frame of its own; this origin affects only the truth, which it does not use.
     let anywhere = Origin::new(Geodetic::from_degrees(0.0, 0.0, 0.0));
     let rate_hz = (1.0 / TICK_S).round() as u32;
-    let mut link = XPlane::new(&anywhere, Some(simulator), &base.xplane, rate_hz, listen_for(simulator.ip()))
+    let mut link = XPlane::new(&anywhere, Some(simulator), profile, rate_hz, listen_for(simulator.ip()))
         .map_err(|error| Error::Refused(error.to_string()))?;
     let mut fit = Fit::new(Rules::shipped());
     let (mut heard, mut last) = (clock::now(), None::<Rung>);
@@ -197,6 +198,7 @@ fn xplane_table(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use skein_core::aircraft::Aircraft;
     use skein_core::control::{Gains, Trim};
     use skein_core::fit::Responses;
 
@@ -224,6 +226,6 @@ mod tests {
         assert_eq!(aircraft.xplane.roll.as_str(), "a/b");
         assert!(aircraft.xplane.hold.len() == 1 && aircraft.helicopter.is_none());
         let bare = aircraft_file(&fitted, "my-heli", "X-Plane", "[trim]\ncollective = 0.1\n");
-        assert_eq!(Aircraft::from_text("x", &bare).unwrap().xplane, skein_core::aircraft::Profile::default());
+        assert_eq!(Aircraft::from_text("x", &bare).unwrap().xplane, Profile::default());
     }
 }

@@ -6,15 +6,15 @@
 //! | [`plan`] | reads and checks everything before anything is begun |
 //! | [`launch`] | files and processes |
 //! | [`children`] | the processes while they run |
+//! | [`series`] | flights that follow each other, a seed each: `--runs` |
 //! | [`fleet`] | one flight, or those of all teams of a fleet side by side |
 //! | [`flight`] | from the first sign of life to the last process's end |
 //! | [`ground`] | ground truth of the swarm: agents that ended or restarted, links that are cut |
 //! | [`script`] | the scenario's events that this process performs |
-//! | [`status`] | figures of every vehicle |
-//! | [`journal`] | what happened, equal events of several vehicles in one line |
-//! | [`table`], [`columns`], [`screen`] | what people see |
 //! | [`stream`] | what programs read: `--json` |
 
+use std::io::IsTerminal;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -24,24 +24,24 @@ use skein_agent::unix;
 use crate::capacity;
 use crate::cluster::nodes::is_seconds;
 use crate::os::Interrupts;
+use crate::reach::SwarmArgs;
 use crate::simulators::HostPort;
+use crate::view::{self, OrdersArgs};
+use skein_common::id::SwarmName;
+use skein_core::formation::room;
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::study::seed;
 
 pub mod children;
-pub mod columns;
 pub mod fleet;
 pub mod flight;
 pub mod ground;
-pub mod journal;
 pub mod launch;
 pub mod plan;
-pub mod screen;
 pub mod script;
-pub mod status;
+pub mod series;
 pub mod stream;
-pub mod table;
 
 use fleet::Flights;
 use plan::Plans;
@@ -49,7 +49,7 @@ use plan::Plans;
 /// `skein fly`
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(
-    after_help = "Examples:\n  skein fly\n  skein fly --duration 100 --seed 7 --set swarm.vehicles=6 --set formation.radius_m=60\n  skein fly --plant standin --out my-flight"
+    after_help = "Examples:\n  skein fly\n  skein fly --duration 100 --seed 7 --set swarm.vehicles=6 --set formation.radius_m=60\n  skein fly --plant standin --out my-flight\n  skein fly --xplane 10.0.0.21,10.0.0.22,10.0.0.23,10.0.0.24"
 )]
 pub struct FlyArgs {
     /// The scenario.
@@ -58,24 +58,34 @@ pub struct FlyArgs {
     /// What moves; the same as --set swarm.plant=...
     #[arg(long, value_enum)]
     pub plant: Option<PlantArg>,
-    /// The X-Plane of vehicle 1; that of vehicle i is at PORT + 10·(i − 1). Without PORT 49000
-    #[arg(long, value_name = "HOST[:PORT]")]
-    pub xplane: Option<HostPort>,
+    /// The X-Plane of vehicle 1; that of vehicle i is on the same host at PORT + 10·(i − 1). Or one for each vehicle, in the
+    /// order of ids. Without PORT 49000
+    #[arg(long, value_name = "HOST[:PORT],...", value_delimiter = ',')]
+    pub xplane: Vec<HostPort>,
     /// How long to fly, seconds; the same as --set duration_s=S. Without it in the scenario either: until stopped
     #[arg(long = "duration", value_name = "S", value_parser = duration, allow_negative_numbers = true)]
     pub duration_s: Option<f64>,
     /// Where all randomness comes from; the same as --set seed=N
     #[arg(long, value_name = "N", value_parser = seed, allow_negative_numbers = true)]
     pub seed: Option<u64>,
-    /// Folder for what is written, new or empty; without it a new one in skein-runs
+    /// Fly N times, one flight after the other, with the seeds from that of the scenario or --seed on. Ctrl-C lands and ends
+    /// the series; the same command with the same --out resumes it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub runs: Option<u64>,
+    /// Folder for what is written, new or empty, or that of the very same --runs, interrupted; without it a new one in
+    /// skein-runs
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Address of the live page. Not implemented yet: without effect
-    #[arg(long, value_name = "ADDR", conflicts_with = "no_view")]
-    pub view: Option<String>,
-    /// Do not serve the live page. Not implemented yet: without effect
-    #[arg(long)]
+    /// Serve the page of skein view beside the flight, at 127.0.0.1:7480 or the next free port, or at this address. On a terminal
+    /// it is served without this option
+    #[arg(long, value_name = "ADDR:PORT", num_args = 0..=1, conflicts_with = "no_view")]
+    pub view: Option<Option<SocketAddr>>,
+    /// Do not serve the page
+    #[arg(long, conflicts_with = "orders")]
     pub no_view: bool,
+    /// Orders from the page.
+    #[command(flatten)]
+    pub orders: OrdersArgs,
     /// How long the vehicles may take to find each other, s; without it 60
     #[arg(long = "timeout", value_name = "S", value_parser = is_seconds)]
     pub timeout_s: Option<f64>,
@@ -117,30 +127,63 @@ impl PlantArg {
     }
 }
 
+impl FlyArgs {
+    /// The swarm gathers within this time, or does not fly.
+    fn gather_within(&self) -> Duration {
+        Duration::from_secs_f64(self.timeout_s.unwrap_or(GATHER_WITHIN_S))
+    }
+}
+
 /// Flies until the duration is over, until the mission has come to its landing, until an order to land, or until Ctrl-C;
 /// then lands all vehicles and ends every process. A vehicle lost in flight is named; the flight of the others still
-/// counts.
+/// counts. With `--runs` it does so again with the next seed.
 ///
 /// # Errors
 /// What stands against the flight, such as a PC that does not carry so many agents; or a flight that never began, lost all its
 /// vehicles, or did not end on the ground.
 pub fn run(args: &FlyArgs) -> Result<(), Error> {
-    let plans = Plans::new(args)?;
+    // A series may have begun in its folder; nothing is written there before all is checked.
+    let plans = Plans::new(&FlyArgs { out: args.out.clone().filter(|_| args.runs.is_none()), ..args.clone() })?;
     // As agents run, and once for all of them.
     unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
     let mut notes: Vec<String> = Vec::new();
     for plan in &plans.plans {
         let said = plan.loaded.notes.iter().cloned().chain(script::skipped(plan.scenario()));
+        let said = said.chain(room::crowded_step(plan.scenario()));
         // What holds for several teams is written once.
         notes.extend(said.filter(|note| !notes.contains(note)).collect::<Vec<_>>());
     }
     notes.iter().for_each(|note| eprintln!("{note}"));
-    if args.view.is_some() {
-        eprintln!("--view: the live page is not implemented yet; the flight continues without it");
-    }
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
     let vehicles: Vec<usize> = plans.plans.iter().map(|plan| plan.scenario().swarm.vehicles).collect();
     capacity::ask_for(&vehicles, args.anyway)?;
-    let gather_within = Duration::from_secs_f64(args.timeout_s.unwrap_or(GATHER_WITHIN_S));
-    Flights::begin(plans, interrupts, gather_within, args.json)?.fly()
+    let page = serve_page(args, plans.described.first().scenario.swarm.name.clone())?;
+    if let Some(runs) = args.runs {
+        page.iter().for_each(|page| eprintln!("{page}"));
+        return series::fly(args, plans, runs, &interrupts);
+    }
+    let mut flights = Flights::begin(plans, args.gather_within(), args.json, &interrupts)?;
+    page.iter().for_each(|page| flights.tell(page));
+    let flown = flights.fly(&interrupts);
+    if !args.json {
+        skein_lab::terminal::say(&flown.summary());
+    }
+    flown.verdict
+}
+
+/// Serves the live page if it is wanted: the line about it for the operator.
+///
+/// # Errors
+/// If its address is not free, or orders cannot be allowed, and the page was asked for.
+fn serve_page(args: &FlyArgs, swarm: SwarmName) -> Result<Option<String>, Error> {
+    let is_asked_for = args.view.is_some() || args.orders.orders;
+    let is_wanted = is_asked_for || (std::io::stdout().is_terminal() && !args.json);
+    if !is_wanted || args.no_view {
+        return Ok(None);
+    }
+    match view::beside(SwarmArgs { swarm: Some(swarm), file: None }, args.view.flatten(), &args.orders) {
+        Ok(address) => Ok(Some(format!("live page: http://{address}"))),
+        Err(error) if !is_asked_for => Ok(Some(format!("no live page: {error}"))),
+        Err(error) => Err(error),
+    }
 }

@@ -1,5 +1,5 @@
-//! Receives, decodes and verifies what the vehicles of a live swarm send. `fly`, `order`, `record` and `cluster` use
-//! it. An observer is never in the control loop: the swarm flies the same with and without it.
+//! Receives, decodes and verifies what the vehicles of a live swarm send. `fly`, `order`, `record`, `view` and `cluster`
+//! use it. An observer is never in the control loop: the swarm flies the same with and without it.
 
 mod teams;
 
@@ -15,13 +15,15 @@ use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{self, Event, Health, Heartbeat, Message, Order, Reason, Trace};
+use skein_common::message::{self, Event, Health, Heartbeat, Message, Order, Reason, StandingOrders, Summary, Trace};
 use skein_common::topic::{self, Author, Branch, Topic};
 use zenoh::Wait;
+use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Locality, Sample};
 
 use crate::reach::Reach;
+use crate::sample::VehicleSample;
 use skein_host::clock;
 use skein_lab::error::Error;
 pub use teams::Observers;
@@ -44,6 +46,8 @@ pub enum TraceSubscription {
 pub enum SwarmMessage {
     /// The trace of one control step.
     Trace(Trace),
+    /// What the vehicle believes, at most ten times a second.
+    Summary(Summary),
     /// The vehicle's health report.
     Health(Health),
     /// The vehicle's heartbeat, which carries its agreement state.
@@ -75,6 +79,10 @@ pub struct VehicleView {
     pub trace: Option<Trace>,
     /// Time of arrival of the newest trace.
     pub trace_at: Option<Instant>,
+    /// The newest summary.
+    pub summary: Option<Summary>,
+    /// Time of arrival of the newest summary.
+    pub summary_at: Option<Instant>,
     /// The newest health report.
     pub health: Option<Health>,
     /// Time of arrival of the newest health report.
@@ -83,6 +91,23 @@ pub struct VehicleView {
     pub health_run: Option<u64>,
     /// The newest heartbeat, which carries the vehicle's agreement state.
     pub mission: Option<Heartbeat>,
+    /// The orders that the vehicle has repeated in this incarnation and run, if an operator issued them: where orders are
+    /// signed, the order's signature must be valid for the run that the vehicle flies in.
+    pub orders: StandingOrders,
+}
+
+impl VehicleView {
+    /// What the vehicle's newest trace or summary shows, and when that arrived; of the two the one that arrived last.
+    pub fn newest(&self) -> Option<(VehicleSample, Instant)> {
+        let traced = self.trace.as_ref().zip(self.trace_at);
+        let summarised = self.summary.as_ref().zip(self.summary_at);
+        match (traced, summarised) {
+            (Some((trace, at)), summary) if summary.is_none_or(|(_, later)| later < at) => {
+                Some((VehicleSample::of_trace(trace, self.health.as_ref()), at))
+            }
+            (_, summary) => summary.and_then(|(summary, at)| Some((VehicleSample::of_summary(summary)?, at))),
+        }
+    }
 }
 
 /// Counts of the messages that were dropped.
@@ -91,12 +116,20 @@ struct Dropped {
     undecodable: AtomicU64,
     forged: AtomicU64,
     overflow: AtomicU64,
+    /// Links that were refused.
+    links: AtomicU64,
 }
 
 /// Receives the messages of one swarm and keeps the newest of each vehicle.
 pub struct Observer {
     sessions: Sessions,
     inbox: Receiver<ReceivedMessage>,
+    receiver: SwarmReceiver,
+    _subscribers: Vec<Subscriber<()>>,
+    /// The subscription to the vehicles' traces, if there is one.
+    traces: Option<Subscriber<()>>,
+    /// The subscription to the vehicles' summaries, if there is one.
+    summaries: Option<Subscriber<()>>,
     dropped: Arc<Dropped>,
     vehicles: BTreeMap<VehicleId, VehicleView>,
     swarm: SwarmName,
@@ -141,23 +174,72 @@ impl Observer {
         let key_ring = reach.security.key_ring(&reach.swarm);
         let (branch, presence) = (reach.branch, sessions.presence());
         let receiver = SwarmReceiver { sender, dropped: dropped.clone(), branch, key_ring, presence };
-        if steps == TraceSubscription::On {
-            receiver.subscribe(session, topic::all::TRACES, SwarmMessage::Trace)?;
-        }
-        receiver.subscribe(session, topic::all::HEALTH, SwarmMessage::Health)?;
-        receiver.subscribe(session, topic::all::MISSIONS, SwarmMessage::Mission)?;
-        receiver.subscribe(session, topic::all::EVENTS, SwarmMessage::Event)?;
+        let subscribers = vec![
+            receiver.subscribe(session, topic::all::HEALTH, SwarmMessage::Health)?,
+            receiver.subscribe(session, topic::all::MISSIONS, SwarmMessage::Mission)?,
+            receiver.subscribe(session, topic::all::EVENTS, SwarmMessage::Event)?,
+        ];
+        let of_presence = receiver.clone();
         let note = move |change| match change {
-            Change::Appeared(id) => receiver.enqueue(SwarmMessage::Appeared(id), None),
-            Change::Vanished(id) => receiver.enqueue(SwarmMessage::Vanished(id), None),
-            Change::Refused(_) => {}
+            Change::Appeared(id) => of_presence.enqueue(SwarmMessage::Appeared(id), None),
+            Change::Vanished(id) => of_presence.enqueue(SwarmMessage::Vanished(id), None),
+            Change::Refused(_) => count(&of_presence.dropped.links),
         };
         sessions.presence().watch(&sessions, branch, note)?;
         let (swarm, signing_key) = (reach.swarm.clone(), reach.signing_key.clone());
         let orders = reach.orders_key.map(|key| Checker::new(key, swarm.clone(), branch));
         let own_run = reach.own_run;
-        let vehicles = BTreeMap::new();
-        Ok(Self { sessions, inbox, dropped, vehicles, swarm, branch, orders, signing_key, own_run })
+        let mut observer = Self {
+            sessions,
+            inbox,
+            receiver,
+            _subscribers: subscribers,
+            traces: None,
+            summaries: None,
+            dropped,
+            vehicles: BTreeMap::new(),
+            swarm,
+            branch,
+            orders,
+            signing_key,
+            own_run,
+        };
+        observer.subscribe_to_traces(steps == TraceSubscription::On)?;
+        Ok(observer)
+    }
+
+    /// Subscribes to the vehicles' traces, or ends that subscription.
+    ///
+    /// # Errors
+    /// If Zenoh refuses.
+    pub fn subscribe_to_traces(&mut self, wanted: bool) -> Result<(), ObserveError> {
+        if wanted && self.traces.is_none() {
+            let session = self.sessions.first();
+            self.traces = Some(self.receiver.subscribe(session, topic::all::TRACES, SwarmMessage::Trace)?);
+        } else if !wanted {
+            self.traces = None;
+        }
+        Ok(())
+    }
+
+    /// Subscribes to the vehicles' summaries, or ends that subscription. A vehicle computes and sends its summary only while there
+    /// is a subscriber.
+    ///
+    /// # Errors
+    /// If Zenoh refuses.
+    pub fn subscribe_to_summaries(&mut self, wanted: bool) -> Result<(), ObserveError> {
+        if wanted && self.summaries.is_none() {
+            let session = self.sessions.first();
+            self.summaries = Some(self.receiver.subscribe(session, topic::all::SUMMARIES, SwarmMessage::Summary)?);
+        } else if !wanted {
+            self.summaries = None;
+        }
+        Ok(())
+    }
+
+    /// Number of links that this observer or an agent refused, because it does not accept the other's certificate.
+    pub fn refused_links(&self) -> u64 {
+        self.dropped.links.load(Relaxed)
     }
 
     /// Returns the messages received since the last call, in order of arrival, and updates [`Self::vehicles`]. Never
@@ -170,7 +252,7 @@ impl Observer {
     pub fn poll_timed(&mut self) -> Vec<(SwarmMessage, Instant)> {
         let mut all = Vec::new();
         while let Ok(arrival) = self.inbox.try_recv() {
-            if update(&mut self.vehicles, &arrival) {
+            if self.take(&arrival) {
                 all.push((arrival.received, arrival.at));
             }
         }
@@ -189,7 +271,7 @@ impl Observer {
 
     /// Number of messages dropped: undecodable, forged, or received faster than they were read.
     pub fn dropped(&self) -> u64 {
-        let Dropped { undecodable, forged, overflow } = &*self.dropped;
+        let Dropped { undecodable, forged, overflow, links: _ } = &*self.dropped;
         undecodable.load(Relaxed) + forged.load(Relaxed) + overflow.load(Relaxed)
     }
 
@@ -215,17 +297,26 @@ impl Observer {
         (is_of_this_life && is_of_this_run).then_some((health, at))
     }
 
-    /// The order that a vehicle repeats in its heartbeat, if an operator issued it: where orders are signed, the
-    /// order's signature must be valid for the run that the vehicle flies in.
-    pub fn order_of(&self, view: &VehicleView) -> Option<Order> {
-        let is_signed =
-            |order: &Order| self.orders.as_ref().is_none_or(|orders| orders.is_signed(view.run.unwrap_or(0), order));
-        view.mission?.order.filter(is_signed)
+    /// Keeps what was received. Returns false if the message is older than the kept one.
+    fn take(&mut self, arrival: &ReceivedMessage) -> bool {
+        let is_news = update(&mut self.vehicles, arrival);
+        if let (SwarmMessage::Mission(heartbeat), true) = (&arrival.received, is_news)
+            && let Some(order) = heartbeat.order.filter(|order| self.is_issued(order, arrival.run))
+            && let Some(view) = self.vehicles.get_mut(&heartbeat.header.sender)
+        {
+            view.orders.merge(order);
+        }
+        is_news
+    }
+
+    /// Whether an operator issued this order to a vehicle that flies in this run.
+    fn is_issued(&self, order: &Order, run: Option<u64>) -> bool {
+        self.orders.as_ref().is_none_or(|orders| orders.is_signed(run.unwrap_or(0), order))
     }
 
     /// One more than the largest epoch of any order that a vehicle repeats.
     pub fn next_epoch(&self) -> u64 {
-        let orders = self.vehicles.values().filter_map(|view| self.order_of(view));
+        let orders = self.vehicles.values().flat_map(|view| view.orders.iter());
         orders.map(|order| order.epoch).max().unwrap_or(0).saturating_add(1)
     }
 
@@ -266,12 +357,13 @@ struct SwarmReceiver {
 }
 
 impl SwarmReceiver {
+    /// Receives these messages until the subscriber is dropped.
     fn subscribe<M: Message + 'static>(
         &self,
         session: &zenoh::Session,
         keys: &'static str,
         received: fn(M) -> SwarmMessage,
-    ) -> zenoh::Result<()> {
+    ) -> zenoh::Result<Subscriber<()>> {
         let receiver = self.clone();
         let on_sample = move |sample: Sample| {
             let key = sample.key_expr().as_str();
@@ -289,12 +381,7 @@ impl SwarmReceiver {
                 },
             }
         };
-        session
-            .declare_subscriber(self.branch.all(keys))
-            .allowed_origin(Locality::Remote)
-            .callback(on_sample)
-            .background()
-            .wait()
+        session.declare_subscriber(self.branch.all(keys)).allowed_origin(Locality::Remote).callback(on_sample).wait()
     }
 
     fn enqueue(&self, received: SwarmMessage, run: Option<u64>) {
@@ -338,6 +425,14 @@ fn update(
             }
             news
         }
+        SwarmMessage::Summary(summary) => {
+            let view = vehicles.entry(summary.header.sender).or_default();
+            let news = newer(&summary.header, view.summary.as_ref().map(|known| &known.header));
+            if news {
+                (view.summary, view.summary_at) = (Some(summary.clone()), Some(*at));
+            }
+            news
+        }
         SwarmMessage::Health(health) => {
             let view = vehicles.entry(health.header.sender).or_default();
             let news = newer(&health.header, view.health.as_ref().map(|known| &known.header));
@@ -350,6 +445,10 @@ fn update(
             let view = vehicles.entry(mission.header.sender).or_default();
             let news = newer(&mission.header, view.mission.as_ref().map(|known| &known.header));
             if news {
+                let life = |mission: &Heartbeat| mission.header.incarnation;
+                if view.mission.as_ref().map(life) != Some(life(mission)) || view.run != *run {
+                    view.orders = StandingOrders::default();
+                }
                 (view.mission, view.run) = (Some(*mission), *run);
             }
             news
@@ -367,7 +466,7 @@ impl Observer {
     /// Processes these messages as if vehicles had sent them, each in a run and at a time.
     pub(crate) fn inject(&mut self, received: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>) {
         for (received, run, at) in received {
-            update(&mut self.vehicles, &ReceivedMessage { received, run, at });
+            self.take(&ReceivedMessage { received, run, at });
         }
     }
 }
@@ -379,7 +478,7 @@ mod tests {
     use ring::rand::SystemRandom;
     use ring::signature::Ed25519KeyPair;
     use skein_agent::link::{Link, Security, Trust};
-    use skein_common::id::Incarnation;
+    use skein_common::id::{Incarnation, VehicleSet};
     use skein_common::message::{EventKind, Header, Verb};
     use skein_common::scenario::{Source, load};
     use skein_common::state::Membership;
@@ -403,8 +502,10 @@ mod tests {
             vouched: 0,
             reached: None,
             progress_m: 0.0,
-            order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold, signature: None }),
+            order: Some(Order { epoch: sequence, issuer: 1, verb: Verb::Hold, vehicles: None, signature: None }),
+            orders: 0,
             echo: None,
+            lost: VehicleSet::default(),
         }
     }
 
@@ -495,7 +596,7 @@ mod tests {
         let scenario = Flown::Text(String::new());
         let plain = Reach::plain(swarm.clone(), BTreeMap::new(), scenario);
         let signed = Reach { orders_key: Some(public), signing_key: Some(signing_key.clone()), ..plain.clone() };
-        let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, signature: None };
+        let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, vehicles: None, signature: None };
         // Each vehicle's id, its run, and the order that it repeats.
         let repeated = [
             (1, 7, orders::sign(&signing_key, &swarm, Branch::SWARM, 7, order(3))),
@@ -506,12 +607,9 @@ mod tests {
             let mut observer = Observer::open(reach, TraceSubscription::Off).unwrap();
             for (sender, run, order) in repeated {
                 let id = VehicleId::new(sender).unwrap();
-                update(&mut observer.vehicles, &arrival(SwarmMessage::Appeared(id)));
                 let mission = Heartbeat { order: Some(order), ..mission(sender, 1, 1) };
-                update(
-                    &mut observer.vehicles,
-                    &ReceivedMessage { run: Some(run), ..arrival(SwarmMessage::Mission(mission)) },
-                );
+                let received = [SwarmMessage::Appeared(id), SwarmMessage::Mission(mission)];
+                observer.inject(received.map(|received| (received, Some(run), clock::now())));
             }
             observer
         };
@@ -522,10 +620,8 @@ mod tests {
         assert_eq!(given.len(), 2);
         for (given, run) in given.into_iter().zip([6, 7]) {
             assert!(orders::is_signed(&public, &swarm, Branch::SWARM, run, &given));
-            let mission = Some(Heartbeat { order: Some(given), ..mission(1, 1, 2) });
-            let of_run = |run| VehicleView { mission, run: Some(run), ..VehicleView::default() };
-            assert_eq!(observer.order_of(&of_run(run)), Some(given));
-            assert_eq!(observer.order_of(&of_run(13 - run)), None, "a signature for another run");
+            assert!(observer.is_issued(&given, Some(run)));
+            assert!(!observer.is_issued(&given, Some(13 - run)), "a signature for another run");
         }
         let unsigned_observer = observe(&plain);
         assert_eq!(unsigned_observer.next_epoch(), u64::MAX);

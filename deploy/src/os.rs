@@ -212,6 +212,32 @@ pub fn uptime_s() -> f64 {
     imp::uptime_s()
 }
 
+/// A socket on which a process that this one has started reports that it works, as systemd's services do: it sends
+/// `READY=1`, and then regularly `WATCHDOG=1`, to the path in its variable `NOTIFY_SOCKET`.
+#[derive(Debug)]
+pub struct Notifications(imp::Notifications);
+
+impl Notifications {
+    /// Opens the socket in a folder that only this user can enter. What an earlier process left there is replaced.
+    ///
+    /// # Errors
+    /// If the path is too long for a socket (108 bytes on Linux), or the system does not support it.
+    pub fn listen(path: &Path) -> io::Result<Self> {
+        imp::Notifications::listen(path).map(Self)
+    }
+
+    /// Whether a report has arrived since the last call. Never waits.
+    pub fn take(&self) -> bool {
+        self.0.take()
+    }
+}
+
+/// Identifies the present boot of this host; `None` where the system does not name it.
+pub fn boot() -> Option<String> {
+    // This file exists only on Linux.
+    Some(fs::read_to_string("/proc/sys/kernel/random/boot_id").ok()?.trim().to_owned())
+}
+
 /// Processor time that this process has used so far, all its threads together, s; `None` where the system does not
 /// report it.
 pub fn cpu_s() -> Option<f64> {
@@ -223,6 +249,7 @@ mod imp {
     use std::fs::{self, File, Metadata, OpenOptions};
     use std::io;
     use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+    use std::os::unix::net::UnixDatagram;
     use std::os::unix::process::{CommandExt, ExitStatusExt};
     use std::path::Path;
     use std::process::{Child, Command, ExitStatus};
@@ -370,6 +397,30 @@ mod imp {
         command.exec()
     }
 
+    #[derive(Debug)]
+    pub(super) struct Notifications(UnixDatagram);
+
+    impl Notifications {
+        pub(super) fn listen(path: &Path) -> io::Result<Self> {
+            match fs::remove_file(path) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
+            let socket = UnixDatagram::bind(path)?;
+            socket.set_nonblocking(true)?;
+            Ok(Self(socket))
+        }
+
+        pub(super) fn take(&self) -> bool {
+            let mut has_arrived = false;
+            let mut text = [0; 256];
+            while self.0.recv(&mut text).is_ok() {
+                has_arrived = true;
+            }
+            has_arrived
+        }
+    }
+
     pub(super) fn uptime_s() -> f64 {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
         time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
@@ -473,6 +524,19 @@ mod imp {
 
     pub(super) fn become_program(_command: &mut Command) -> io::Error {
         io::ErrorKind::Unsupported.into()
+    }
+
+    #[derive(Debug)]
+    pub(super) struct Notifications;
+
+    impl Notifications {
+        pub(super) fn listen(_path: &Path) -> io::Result<Self> {
+            Err(io::ErrorKind::Unsupported.into())
+        }
+
+        pub(super) fn take(&self) -> bool {
+            false
+        }
     }
 
     pub(super) fn uptime_s() -> f64 {

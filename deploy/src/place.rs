@@ -1,17 +1,22 @@
-//! `skein place`: puts an X-Plane's aircraft to its vehicle's start, in the scenario's weather.
+//! Puts an X-Plane's aircraft to its vehicle's start, in the scenario's weather: `skein place`, and `skein fly` before its
+//! agents begin.
 //!
-//! A command does this, before a flight, and not the agent: a flight that loads takes a minute, its outcome is for a person
-//! to see, and an agent that needs nothing but UDP flies the same on every PC.
+//! A command does this and not the agent: a flight that loads takes a minute, its outcome is for a person to see, and an
+//! agent that needs nothing but UDP flies the same on every PC.
 
 mod weather;
 
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
 use std::time::Duration;
 
-use serde_json::json;
+use serde_json::{Value, json};
+use skein_agent::plant::xplane::placing::{Placing, is_flying, start_of};
 use skein_agent::plant::xplane::wire::prel::Placement;
-use skein_common::frame::{Geodetic, Origin, PositionNed};
+use skein_agent::plant::xplane::wire::rpos::Position;
+use skein_common::frame::Geodetic;
 use skein_common::id::VehicleId;
-use skein_common::scenario::Scenario;
+use skein_common::scenario::{Scenario, StartPattern};
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::terminal;
@@ -40,7 +45,7 @@ pub struct PlaceArgs {
     /// The vehicle that flies there
     #[arg(long, value_name = "N", default_value = "1")]
     pub vehicle: VehicleId,
-    /// Its Web API, or off; without it that of this PC, if the X-Plane is on this PC
+    /// Its Web API, or off; without it that of vehicle.N.web, or of this PC if the X-Plane is on this PC
     #[arg(long, value_name = "HOST[:PORT]")]
     pub web: Option<WebChoice>,
     /// Leave the aircraft where it is
@@ -55,6 +60,8 @@ pub struct PlaceArgs {
 const LOADED_WITHIN: Duration = Duration::from_secs(60);
 const NEAR_M: f64 = 30.0;
 const WATCHED: Duration = Duration::from_secs(1);
+/// Interval between two looks whether a flight is still wanted.
+const LOOK: Duration = Duration::from_millis(100);
 const ACF: &str = "sim/aircraft/view/acf_relative_path";
 
 /// Places the aircraft, sets the weather, and prints what the simulator's state then says.
@@ -63,35 +70,80 @@ const ACF: &str = "sim/aircraft/view/acf_relative_path";
 /// If the scenario has no such vehicle, the X-Plane does not answer, or the aircraft is not at its start.
 pub fn run(args: &PlaceArgs) -> Result<(), Error> {
     let scenario = args.scenario.read(Vec::new())?.scenario;
-    let ready = args.scenario.ready(&scenario)?;
-    let nth = scenario.ids().position(|id| id == args.vehicle);
-    let Some(start) = nth.and_then(|nth| ready.starts.get(nth)) else {
+    // Refuses starts for which there is no room.
+    args.scenario.ready(&scenario)?;
+    let Some(start) = start_of(&scenario, args.vehicle) else {
         return Err(Error::Refused(format!("--vehicle {}: {} has no such vehicle", args.vehicle, scenario.name)));
     };
-    let origin = Origin::new(scenario.origin.geodetic());
-    let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
-    let web = match WebChoice::or_of(args.web.as_ref(), &args.xplane) {
+    let written = scenario.vehicle(args.vehicle).and_then(|vehicle| vehicle.web.as_deref());
+    let web = match WebChoice::or_of(args.web.as_ref(), written, &args.xplane) {
         WebChoice::Off => None,
         WebChoice::At(at) => Some(WebApi::open(&at)),
     };
-    let surveyor = Surveyor::open(&format!("{}:{}", args.xplane.host, args.xplane.port))?;
-    let lines = placed(&surveyor, web, &scenario, (!args.weather_only).then_some((place, start.heading_rad)))?;
+    let surveyor = Surveyor::open(&args.xplane.to_string())?;
+    let lines = placed(&surveyor, web, &scenario, |_| (!args.weather_only).then_some(start))?;
     terminal::say(&if args.json { terminal::json(&lines) } else { doctor::as_table(&lines) });
     verdict(&lines)
 }
 
-/// Carries it out; without a start only the weather.
+/// Places the aircraft of a flight's X-Planes, in the order of ids, all at once, and sets their weather: a line for each
+/// thing, until `is_over` says that the flight is not wanted any more. An aircraft that flies stays where it is, and so
+/// does each if the scenario leaves them where they are. A fault does not stand against the flight: its agents place by UDP.
+pub(crate) fn before_flight(scenario: &Scenario, xplanes: &[String], is_over: impl Fn() -> bool) -> Vec<Line> {
+    let (sender, receiver) = channel();
+    for (id, address) in scenario.ids().zip(xplanes) {
+        let (sender, scenario, address) = (sender.clone(), scenario.clone(), address.clone());
+        thread::spawn(move || {
+            let lines = begin_at_start(&scenario, id, &address).unwrap_or_else(|error| {
+                vec![Line::new(&address, "place", error.to_string()).fault("the agent places the aircraft by UDP")]
+            });
+            // Without a receiver the flight is over.
+            let _ = sender.send((id, lines));
+        });
+    }
+    drop(sender);
+    let mut lines = Vec::new();
+    while !is_over() {
+        match receiver.recv_timeout(LOOK) {
+            Ok(placed) => lines.push(placed),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+    }
+    lines.sort_by_key(|(id, _)| *id);
+    lines.into_iter().flat_map(|(_, lines)| lines).collect()
+}
+
+/// Places the aircraft of one vehicle for a flight.
+fn begin_at_start(scenario: &Scenario, id: VehicleId, address: &str) -> Result<Vec<Line>, Error> {
+    let xplane: HostPort = address.parse().map_err(|why| Error::Refused(format!("{address}: {why}")))?;
+    let written = scenario.vehicle(id).and_then(|vehicle| vehicle.web.as_deref());
+    let web = match WebChoice::or_of(None, written, &xplane) {
+        WebChoice::Off => None,
+        WebChoice::At(at) => match WebApi::open(&at) {
+            // X-Plane 11 has none.
+            Err(WebError::Absent(..)) if written.is_none() => None,
+            found => Some(found),
+        },
+    };
+    let start = start_of(scenario, id).filter(|_| scenario.start.pattern != StartPattern::AsIs);
+    placed(&Surveyor::open(address)?, web, scenario, |position| start.filter(|_| !position.is_some_and(is_flying)))
+}
+
+/// Carries it out. `start` gives the start for an aircraft at this position, if it is known; without one only the weather is
+/// set.
 fn placed(
     surveyor: &Surveyor,
     web: Option<Result<WebApi, WebError>>,
     scenario: &Scenario,
-    start: Option<(Geodetic, f64)>,
+    start: impl FnOnce(Option<&Position>) -> Option<Placement>,
 ) -> Result<Vec<Line>, Error> {
     let place = surveyor.simulator().to_string();
-    if !surveyor.survey(&[], 10, WATCHED, false)?.has_answered() {
-        let found = format!("no answer within {} s", SILENT.as_secs());
+    let found = surveyor.survey(&[], 10, WATCHED, false)?;
+    if !found.has_answered() {
+        let silent = format!("no answer within {} s", SILENT.as_secs());
         let remedy = "start X-Plane and load a flight; set Settings, Network, \"Accept incoming connections\"";
-        return Ok(vec![Line::new(place, "answer", found).fault(remedy)]);
+        return Ok(vec![Line::new(place, "answer", silent).fault(remedy)]);
     }
     let mut lines = Vec::new();
     let web = match web {
@@ -102,10 +154,8 @@ fn placed(
             None
         }
     };
-    if let Some(start) = start {
-        let asked = ask(surveyor, web.as_ref(), scenario, start);
-        let arrived = arrives(surveyor, &start.0)?;
-        lines.push(outcome(&place, asked, arrived));
+    if let Some(start) = start(found.position.as_ref()) {
+        lines.push(outcome(&place, put(surveyor, web.as_ref(), scenario, start)?));
         if lines.iter().any(|line| line.state == State::Fault) {
             return Ok(lines);
         }
@@ -115,55 +165,54 @@ fn placed(
     Ok(lines)
 }
 
-/// Asks the X-Plane to put the aircraft there; how, and what it replied.
-fn ask(
+/// Puts the aircraft there: how it was asked, the reply, and the distance from the start at last, m.
+fn put(
     surveyor: &Surveyor,
     web: Option<&WebApi>,
     scenario: &Scenario,
-    (place, heading_rad): (Geodetic, f64),
-) -> (&'static str, Option<WebError>) {
-    let heading_deg = heading_rad.to_degrees().rem_euclid(360.0);
+    start: Placement,
+) -> Result<(&'static str, Option<WebError>, Option<f64>), Error> {
     let aircraft = web.filter(|web| web.starts_flights()).and_then(|web| Some((web, web.text(ACF)?)));
-    if let Some((web, path)) = aircraft.filter(|(_, path)| !path.is_empty()) {
-        // Every number has decimals: one version of X-Plane refuses whole ones.
-        let flight = json!({
-            "aircraft": { "path": path },
-            "lle_ground_start": {
-                "latitude": place.latitude_deg(), "longitude": place.longitude_deg(), "heading_true": heading_deg,
-            },
-            "engine_status": { "all_engines": { "running": true } },
-            "failures": { "fix_everything": true, "mean_time_between_failures_in_hours": 0.0 },
-            "weather": weather::of_flight(scenario, &place),
-        });
-        return ("by its Web API", web.start_flight(&flight).err());
-    }
-    surveyor.place(&Placement {
-        aircraft: 0,
-        latitude_deg: place.latitude_deg(),
-        longitude_deg: place.longitude_deg(),
-        elevation_m: place.altitude_m,
-        heading_deg,
-        speed_m_s: 0.0,
-    });
-    ("by UDP", None)
-}
-
-/// Distance from the start when the aircraft has arrived, or at last, m.
-fn arrives(surveyor: &Surveyor, place: &Geodetic) -> Result<Option<f64>, Error> {
+    let aircraft = aircraft.filter(|(_, path)| !path.is_empty());
+    let (how, reply) = match &aircraft {
+        Some((web, path)) => ("by its Web API", web.start_flight(&flight(path, scenario, &start)).err()),
+        None => ("by UDP", None),
+    };
+    let mut placing = Placing::at(start);
     let until = skein_host::clock::now() + LOADED_WITHIN;
     loop {
         let position = surveyor.survey(&[], 10, WATCHED, false)?.position;
-        let away_m = position.map(|position| {
-            let at = Geodetic::from_degrees(position.latitude_deg, position.longitude_deg, place.altitude_m);
-            Origin::new(*place).ned_from_geodetic(&at).horizontal().norm()
-        });
-        if away_m.is_some_and(|away_m| away_m < NEAR_M) || skein_host::clock::now() >= until {
-            return Ok(away_m);
+        let away_m = position.as_ref().map(|position| placing.away_m(position));
+        let now = skein_host::clock::now();
+        if away_m.is_some_and(|away_m| away_m < NEAR_M) || now >= until {
+            return Ok((how, reply, away_m));
         }
+        let due = if aircraft.is_none() { placing.due(position.as_ref(), now) } else { None };
+        due.iter().for_each(|placement| surveyor.place(placement));
     }
 }
 
-fn outcome(place: &str, (how, reply): (&str, Option<WebError>), away_m: Option<f64>) -> Line {
+/// A flight of the Web API with this aircraft, by day, with the weight that X-Plane gives it by default. Every number has
+/// decimals: one version of X-Plane refuses whole ones.
+fn flight(path: &str, scenario: &Scenario, start: &Placement) -> Value {
+    let &Placement { latitude_deg, longitude_deg, elevation_m, heading_deg, .. } = start;
+    let place = Geodetic::from_degrees(latitude_deg, longitude_deg, elevation_m);
+    let failures = match scenario.plant.random_failures {
+        // What X-Plane's own settings say about them remains.
+        true => json!({ "fix_everything": true }),
+        false => json!({ "fix_everything": true, "mean_time_between_failures_in_hours": 0.0 }),
+    };
+    json!({
+        "aircraft": { "path": path },
+        "lle_ground_start": { "latitude": latitude_deg, "longitude": longitude_deg, "heading_true": heading_deg },
+        "engine_status": { "all_engines": { "running": true } },
+        "failures": failures,
+        "time_enum": "day",
+        "weather": weather::of_flight(scenario, &place),
+    })
+}
+
+fn outcome(place: &str, (how, reply, away_m): (&str, Option<WebError>, Option<f64>)) -> Line {
     let replied = reply.map_or_else(String::new, |error| format!("; its reply: {error}"));
     let remedy = "place it on X-Plane's map, and look at its Log.txt; is its aircraft loaded, and a flight running?";
     match away_m {

@@ -17,8 +17,8 @@ use skein_lab::scenario::{Ready, ScenarioArgs};
 pub enum Target<'a> {
     /// In real time on this PC.
     Fly {
-        /// The X-Plane of vehicle 1, if the command names it.
-        xplane: Option<&'a HostPort>,
+        /// The X-Planes that the command names: none, that of vehicle 1, or one for each vehicle.
+        xplanes: &'a [HostPort],
     },
     /// In virtual time.
     Study,
@@ -62,7 +62,7 @@ pub fn prepare(
         prepare::prepare(args, scenario, time, trial)?
     };
     let xplanes = match target {
-        Target::Fly { xplane } if flies_in_xplane => simulators::addresses(scenario, xplane)?,
+        Target::Fly { xplanes } if flies_in_xplane => simulators::addresses(scenario, xplanes)?,
         Target::Fly { .. } | Target::Study => Vec::new(),
     };
     simulators::ask_all(&xplanes)?;

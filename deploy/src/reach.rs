@@ -10,6 +10,7 @@ use std::sync::Arc;
 use skein_agent::link::Security;
 use skein_agent::link::signature::{SigningKey, VerificationKey};
 use skein_common::id::{SwarmName, TeamId, VehicleId};
+use skein_common::scenario::{Described, Source, load_any};
 use skein_common::topic::Branch;
 
 use crate::endpoints::{self, Endpoints};
@@ -191,6 +192,28 @@ impl Place {
         }
         reaches.retain(|reach| teams.is_empty() || reach.branch.team().is_some_and(|team| teams.contains(&team)));
         Ok(reaches)
+    }
+
+    /// The scenario in flight: that of the cluster file, or the one that `fly` wrote on this PC.
+    ///
+    /// # Errors
+    /// If the scenario file cannot be read.
+    pub fn described(&self) -> Result<Described, Error> {
+        let there = match self {
+            Self::Cluster(inventory) => return Ok(inventory.scenario.clone()),
+            Self::Here(there) => there,
+        };
+        let path = there.out.join("scenario.toml");
+        let name = path.display().to_string();
+        let text = fs::read_to_string(&path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
+        load_any(&Source { name: &name, text: &text }, &[])
+            .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
+    }
+
+    /// Whether another swarm of this name has been started on this PC since this one was found.
+    pub fn is_replaced(&self) -> bool {
+        let Self::Here(there) = self else { return false };
+        endpoints::read(&endpoints::folder(), &there.swarm).is_ok_and(|now| now.is_some_and(|now| now != *there))
     }
 
     /// The name of the swarm.

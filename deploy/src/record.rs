@@ -6,4 +6,5 @@ mod live;
 
 pub use command::{RecordArgs, run};
 pub use fleet::FleetRecorder;
+pub(crate) use live::Rate;
 pub use live::{Recorder, told};

@@ -1,9 +1,11 @@
 //! Finds the X-Planes that a flight on this PC uses, and asks whether each answers.
 
 mod probe;
+pub(crate) mod reset;
 pub(crate) mod survey;
 pub(crate) mod web;
 
+use std::fmt;
 use std::net::ToSocketAddrs;
 use std::thread;
 
@@ -35,23 +37,52 @@ impl std::str::FromStr for HostPort {
     }
 }
 
+impl fmt::Display for HostPort {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}", self.host, self.port)
+    }
+}
+
 /// Returns HOST:PORT of each vehicle's X-Plane, in the order of ids: from the command line, else from the scenario,
-/// else on this PC.
+/// else on this PC. One `named` X-Plane is that of vehicle 1, and the others are on its host; several are one for each
+/// vehicle.
 ///
 /// # Errors
-/// If a port exceeds the largest one or a host is unknown.
-pub fn addresses(scenario: &Scenario, first: Option<&HostPort>) -> Result<Vec<String>, Error> {
-    let here = HostPort { host: "127.0.0.1".to_owned(), port: wire::PORT };
-    let address = |id: VehicleId| match (first, scenario.vehicle(id).and_then(|vehicle| vehicle.xplane.clone())) {
-        (None, Some(own)) => Ok(own),
-        (first, _) => {
-            let HostPort { host, port } = first.unwrap_or(&here);
-            let own = ports::simulator(*port, id)
-                .ok_or_else(|| Error::Refused(format!("--xplane: no port is left for vehicle {id}")))?;
-            Ok(format!("{host}:{own}"))
+/// If several are named but not one for each vehicle, two vehicles have the same, a port exceeds the largest one, or a
+/// host is unknown.
+pub fn addresses(scenario: &Scenario, named: &[HostPort]) -> Result<Vec<String>, Error> {
+    let vehicles = scenario.swarm.vehicles;
+    let in_a_row = |first: &HostPort, id: VehicleId| {
+        let port = ports::simulator(first.port, id);
+        let port = port.ok_or_else(|| Error::Refused(format!("--xplane: no port is left for vehicle {id}")))?;
+        Ok(HostPort { host: first.host.clone(), port }.to_string())
+    };
+    let addresses = match named {
+        [] => {
+            let here = HostPort { host: "127.0.0.1".to_owned(), port: wire::PORT };
+            let own = |id| scenario.vehicle(id).and_then(|vehicle| vehicle.xplane.clone());
+            scenario
+                .ids()
+                .map(|id| own(id).map_or_else(|| in_a_row(&here, id), Ok))
+                .collect::<Result<Vec<_>, Error>>()?
+        }
+        [first] => scenario.ids().map(|id| in_a_row(first, id)).collect::<Result<Vec<_>, Error>>()?,
+        named if named.len() == vehicles => named.iter().map(HostPort::to_string).collect(),
+        named => {
+            return Err(Error::Refused(format!(
+                "--xplane names {} X-Planes for {vehicles} vehicles: name one for each vehicle, or only that of vehicle 1",
+                named.len()
+            )));
         }
     };
-    let addresses = scenario.ids().map(address).collect::<Result<Vec<_>, Error>>()?;
+    let with_ids: Vec<_> = scenario.ids().zip(&addresses).collect();
+    let mut pairs =
+        with_ids.iter().enumerate().flat_map(|(nth, one)| with_ids[..nth].iter().map(move |other| (other, one)));
+    if let Some(((one, address), (other, _))) = pairs.find(|((_, one), (_, other))| one == other) {
+        return Err(Error::Refused(format!(
+            "X-Plane at {address}: vehicles {one} and {other} would share it; give each an X-Plane of its own"
+        )));
+    }
     for address in &addresses {
         address.to_socket_addrs().map_err(|error| Error::Refused(format!("X-Plane at {address}: {error}")))?;
     }
@@ -79,6 +110,13 @@ pub fn ask_all(addresses: &[String]) -> Result<(), Error> {
     if silent.is_empty() { Ok(()) } else { Err(Error::Failed(silent.join("\n"))) }
 }
 
+/// Whether at least one of these X-Planes answers.
+pub fn any_answers(addresses: &[String]) -> bool {
+    let asking: Vec<_> =
+        addresses.iter().cloned().map(|address| thread::spawn(move || ask(&address).is_ok())).collect();
+    asking.into_iter().any(|asking| asking.join().unwrap_or(false))
+}
+
 #[cfg(test)]
 mod tests {
     use std::net::UdpSocket;
@@ -90,18 +128,29 @@ mod tests {
 
     #[test]
     fn every_vehicle_has_its_own_x_plane() {
-        let of = |sets: &[&str], first: Option<&str>| {
+        let of = |sets: &[&str], named: &[&str]| {
             let sets = sets.iter().map(|set| (*set).to_owned()).collect();
             let scenario = ScenarioArgs { scenario: None, sets }.read(Vec::new()).unwrap().scenario;
-            addresses(&scenario, first.map(|text| text.parse().unwrap()).as_ref())
+            let named: Vec<HostPort> = named.iter().map(|text| text.parse().unwrap()).collect();
+            addresses(&scenario, &named).map_err(|error| error.to_string())
         };
-        let four = of(&[], Some("127.0.0.2:50000")).unwrap();
+        let four = of(&[], &["127.0.0.2:50000"]).unwrap();
         assert_eq!(four, ["127.0.0.2:50000", "127.0.0.2:50010", "127.0.0.2:50020", "127.0.0.2:50030"]);
-        let own = of(&["vehicle.2.xplane=127.0.0.3:49000"], None).unwrap();
+        let own = of(&["vehicle.2.xplane=127.0.0.3:49000"], &[]).unwrap();
         assert_eq!(own[..2], ["127.0.0.1:49000", "127.0.0.3:49000"]);
-        let beyond = of(&[], Some("127.0.0.2:65530")).unwrap_err();
-        assert_eq!(beyond.to_string(), "--xplane: no port is left for vehicle 2");
-        assert!(of(&["vehicle.2.xplane=no host:49000"], None).is_err());
+        let beyond = of(&[], &["127.0.0.2:65530"]).unwrap_err();
+        assert_eq!(beyond, "--xplane: no port is left for vehicle 2");
+        assert!(of(&["vehicle.2.xplane=no host:49000"], &[]).is_err());
+        let each =
+            of(&["vehicle.2.xplane=127.0.0.3:49000"], &["127.0.0.21", "127.0.0.22", "127.0.0.23:50000", "127.0.0.24"]);
+        assert_eq!(each.unwrap(), ["127.0.0.21:49000", "127.0.0.22:49000", "127.0.0.23:50000", "127.0.0.24:49000"]);
+        let few = of(&[], &["127.0.0.21", "127.0.0.22"]).unwrap_err();
+        let one_for_each =
+            "--xplane names 2 X-Planes for 4 vehicles: name one for each vehicle, or only that of vehicle 1";
+        assert_eq!(few, one_for_each);
+        let shared = of(&[], &["127.0.0.21", "127.0.0.22", "127.0.0.21:49000", "127.0.0.24"]).unwrap_err();
+        let own = "X-Plane at 127.0.0.21:49000: vehicles 1 and 3 would share it; give each an X-Plane of its own";
+        assert_eq!(shared, own);
     }
 
     #[test]

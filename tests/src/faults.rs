@@ -1,4 +1,4 @@
-//! Every fault in a small mission: its effect on the swarm, and the time until the swarm recovers.
+//! Every fault in a small mission in wind: its effect on the swarm, and the time until the swarm recovers.
 
 use std::collections::BTreeSet;
 
@@ -7,6 +7,7 @@ use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Membership;
 use skein_core::agent::Agent;
 use skein_core::peers::Role;
+use skein_core::random::{self, Purpose};
 use skein_lab::metrics::COLLISION_M;
 use skein_lab::world::World;
 
@@ -25,6 +26,8 @@ pub const FAULTS: [(&str, &str); 9] = [
     ("clock jump", r#"fault = "clock_jump", vehicle = 2, by_s = 3600"#),
 ];
 
+/// The wind of the strongest flights, m/s; the seed decides the wind and its gusts.
+const STRONGEST_M_S: f64 = 10.0;
 /// Limit of the flight time, s.
 const LIMIT_S: f64 = 900.0;
 
@@ -56,16 +59,21 @@ pub fn scenario(fault: Option<&str>, vehicles: usize, seed: u64) -> Scenario {
     let servo = ["roll", "pitch", "collective"][seed as usize % 3];
     let event = fault.map_or_else(String::new, |fault| {
         // The seed decides whether the fault occurs during the climb, in place or between places.
-        let at_s = 10 + 7 * seed;
+        let at_s = 10 + 7 * (seed % 20);
         let fault = fault.replace("OTHERS", &others).replace("SERVO", servo);
         format!("{{ at_s = {at_s}, {fault} }}")
     });
+    let mut generator = random::generator(seed, None, Purpose::Study);
+    let wind_m_s = STRONGEST_M_S * random::uniform(&mut generator);
+    let gust_w20_m_s = wind_m_s * random::uniform(&mut generator);
+    let wind_from_deg = 360.0 * random::uniform(&mut generator);
     let text = format!(
         r#"
         name = "faults"
         seed = {seed}
         swarm.vehicles = {vehicles}
         formation.radius_m = 60
+        world = {{ wind_m_s = {wind_m_s}, wind_from_deg = {wind_from_deg}, gust_w20_m_s = {gust_w20_m_s} }}
         [mission]
         steps = [
           {{ centre_ne_m = [0, 0] }},

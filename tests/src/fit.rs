@@ -1,9 +1,14 @@
 //! Random helicopters, fitted by the ladder of `skein fit` in virtual time and then flown in the default ring.
 
-use rand::RngExt;
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use rand::{Rng, RngExt};
+use skein_agent::plant::xplane::client::{Client, Indices};
+use skein_agent::plant::xplane::standin::Simulator;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
-use skein_core::aircraft::Aircraft;
+use skein_core::aircraft::{Aircraft, Profile};
 use skein_core::control::Rules;
 use skein_core::fit::{Fit, FitError, Fitted, Rung};
 use skein_core::helicopter::parameters::Reversed;
@@ -12,6 +17,7 @@ use skein_core::plant::{Command, Frame};
 use skein_core::random::{self, Purpose};
 use skein_lab::metrics::Report;
 
+use crate::wire::default_options;
 use crate::{in_parallel, study};
 
 /// Longer than any fit takes, s.
@@ -83,6 +89,53 @@ pub fn climb(parameters: &Parameters) -> Climbed {
         assert!(took_s < LONGEST_S, "no end: {fit:?}");
         vehicle.advance(Command::Controls(step.controls).controls());
     }
+}
+
+/// Flies the ladder over X-Plane's protocol, in a simulator that has loaded the aircraft of this path. Returns the file that
+/// `skein fit` would write for this base.
+///
+/// # Errors
+/// What the ladder could not do.
+///
+/// # Panics
+/// If the base is not an aircraft file, or the ladder has no end.
+pub fn fit_over_wire(base: &str, acf: &str) -> Result<String, FitError> {
+    let profile = Profile::from_text("base.toml", base).expect("an aircraft file");
+    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
+    let simulator_address = SocketAddr::from(([127, 0, 0, 1], 49_000));
+    let own_address = SocketAddr::from(([127, 0, 0, 1], 20_000));
+    let mut options = default_options();
+    options.acf = acf.to_owned();
+    let mut simulator = Simulator::new(&options).expect("valid options");
+    let mut generator = random::generator(1, None, Purpose::Study);
+    let indices = Indices::draw(|bytes| {
+        generator.fill_bytes(bytes);
+        true
+    });
+    let mut client = Client::new(&origin, &profile, 50, indices.expect("random numbers")).expect("a profile that fits");
+    let mut fit = Fit::new(Rules::shipped());
+    let mut now = skein_host::clock::now();
+    let mut sent: Vec<Vec<u8>> = Vec::new();
+    for _ in 0..(LONGEST_S * 50.0) as u32 {
+        now += Duration::from_millis(20);
+        client.renew(now, &mut |datagram| sent.push(datagram.to_vec()));
+        for datagram in sent.drain(..) {
+            simulator.receive(&datagram, own_address);
+        }
+        let (frame_s, _) = simulator.begin_frame();
+        let mut received = Vec::new();
+        simulator.end_frame(frame_s, |_, datagram| received.push(datagram.to_vec()));
+        for datagram in received {
+            client.receive(&datagram, simulator_address, simulator_address.ip(), now);
+        }
+        let Some(frame) = client.frame() else { continue };
+        let step = fit.step(frame.time, &frame.measurement);
+        client.command(Command::Controls(step.controls), now, &mut |datagram| sent.push(datagram.to_vec()));
+        if let Some(end) = step.end {
+            return end.map(|fitted| skein::fit::aircraft_file(&fitted, "fitted", "a stand-in", base));
+        }
+    }
+    panic!("no end: {fit:?}");
 }
 
 /// Flies the default ring with four of these helicopters and the file that was found for them, over seeds from 0.

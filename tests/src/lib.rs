@@ -10,10 +10,18 @@ pub mod fleets;
 pub mod formation_error;
 pub mod golden;
 pub mod halves;
+pub mod hostile_pages;
 pub mod laws;
+pub mod missions;
 #[cfg(target_os = "linux")]
 pub mod namespaces;
+#[cfg(target_os = "linux")]
+pub mod one_pc;
+pub mod page_client;
+pub mod processes;
 pub mod python;
+#[cfg(unix)]
+pub mod soak;
 pub mod tour;
 pub mod variants;
 pub mod wind;

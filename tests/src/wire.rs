@@ -10,17 +10,19 @@ use std::time::{Duration, Instant};
 use clap::{Args, Command as Arguments, FromArgMatches};
 use rand::Rng;
 use skein_agent::plant::xplane::client::{Client, Indices};
+use skein_agent::plant::xplane::server::{Dataref, Task, Value};
 use skein_agent::plant::xplane::standin::{RunState, Simulator, StandinOptions};
+use skein_agent::plant::xplane::wire::aircraft::Load;
 use skein_agent::plant::xplane::wire::dref::Template;
 use skein_agent::plant::xplane::wire::operation;
-use skein_common::frame::{Origin, PositionNed};
+use skein_common::frame::{Geodetic, Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{self, EventKind, Message};
+use skein_common::message::{self, EventKind, Message, Order};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::Agent;
-use skein_core::aircraft::{Aircraft, Profile};
+use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::formation::Workspace;
 use skein_core::helicopter::Start;
@@ -67,7 +69,7 @@ enum Event {
     /// The agent of this vehicle steps without a frame, unless it has stepped since the step of this number.
     Deadline(usize, u64),
     /// A message of this vehicle arrives at all others.
-    Message(usize, PeerMessage),
+    Message(usize, Box<PeerMessage>),
     /// The flight is observed.
     Observation,
 }
@@ -141,11 +143,18 @@ fn simulator_address() -> SocketAddr {
     ([127, 0, 0, 1], 49_000).into()
 }
 
+/// The options of a stand-in that is started without any.
+///
+/// # Panics
+/// Never: every option has a default.
+pub fn default_options() -> StandinOptions {
+    let defaults = StandinOptions::augment_args(Arguments::new("standin")).get_matches_from(["standin"]);
+    StandinOptions::from_arg_matches(&defaults).expect("defaults")
+}
+
 /// Options of the simulator of a vehicle at this place.
 fn options(scenario: &Scenario, origin: &Origin, id: VehicleId, start: &Start, cell: Frames) -> StandinOptions {
     let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
-    let defaults = StandinOptions::augment_args(Arguments::new("standin")).get_matches_from(["standin"]);
-    let defaults = StandinOptions::from_arg_matches(&defaults).expect("defaults");
     StandinOptions {
         id,
         lat_deg: place.latitude_rad.to_degrees(),
@@ -156,17 +165,25 @@ fn options(scenario: &Scenario, origin: &Origin, id: VehicleId, start: &Start, c
         jitter: cell.jitter,
         drop: cell.drop,
         seed: scenario.seed,
-        ..defaults
+        ..default_options()
     }
 }
 
 impl Swarm {
-    /// The swarm of this scenario at rest at its start.
+    /// The swarm of this scenario at rest at its start, with the shipped aircraft.
     ///
     /// # Panics
     /// If the scenario is not valid.
     pub fn new(scenario: &Scenario, cell: Frames) -> Self {
         let aircraft = Aircraft::shipped("xcell60").expect("a shipped aircraft").expect("a well-formed file");
+        Self::of(scenario, cell, &aircraft, &default_options().acf)
+    }
+
+    /// The same with this aircraft, in simulators that have loaded the aircraft of this path.
+    ///
+    /// # Panics
+    /// If the scenario is not valid.
+    pub fn of(scenario: &Scenario, cell: Frames, aircraft: &Aircraft, acf: &str) -> Self {
         let origin = Origin::new(scenario.origin.geodetic());
         let starts = starts(scenario).expect("room for all starts");
         let vehicles = scenario.ids().zip(&starts).map(|(id, start)| {
@@ -176,13 +193,22 @@ impl Swarm {
                 true
             });
             let clocks = Clocks::new(scenario, id);
+            let mut client = Client::new(&origin, &aircraft.xplane, RATE_HZ, indices.expect("random numbers"))
+                .expect("a profile that fits");
+            client.inquire();
+            if scenario.plant.random_failures {
+                client.want_random_failures();
+            }
+            client.show_up_to(scenario.plant.show_peers, scenario.plant.peer_acf.as_deref()).expect("a path that fits");
+            let options = StandinOptions { acf: acf.to_owned(), ..options(scenario, &origin, id, start, cell) };
+            let simulator = Simulator::new(&options).expect("valid options");
+            scenario.plant.stick_release.into_iter().for_each(|deflection| client.release_at(deflection));
             Vehicle {
                 id,
-                station: Station::new(scenario, id, Incarnation(1), (&aircraft, Rules::shipped()), clocks)
+                station: Station::new(scenario, id, Incarnation(1), (aircraft, Rules::shipped()), clocks)
                     .expect("a scenario that can be flown"),
-                client: Client::new(&origin, &Profile::default(), RATE_HZ, indices.expect("random numbers"))
-                    .expect("a profile that fits"),
-                simulator: Simulator::new(&options(scenario, &origin, id, start, cell)).expect("valid options"),
+                client,
+                simulator,
                 waiting: Vec::new(),
                 command: None,
                 plant_time: PlantTime::ZERO,
@@ -203,7 +229,7 @@ impl Swarm {
         };
         for nth in 0..swarm.vehicles.len() {
             let appeared = PeerMessage::Appeared(swarm.vehicles[nth].id);
-            swarm.plan(DELAY_NS, Event::Message(nth, appeared));
+            swarm.plan(DELAY_NS, Event::Message(nth, Box::new(appeared)));
             // Simulators are not in step with each other.
             swarm.plan(nth as u64 * 3_000_000, Event::Frame(nth));
             swarm.renew(nth);
@@ -243,7 +269,7 @@ impl Swarm {
                 Event::Datagram(nth, datagram) => self.receive(nth, &datagram),
                 Event::Deadline(nth, steps) if self.vehicles[nth].steps == steps => self.step(nth, None),
                 Event::Deadline(..) => {}
-                Event::Message(from, message) => self.deliver(from, message),
+                Event::Message(from, message) => self.deliver(from, *message),
                 Event::Observation => {
                     self.plan(OBSERVATION_NS, Event::Observation);
                     return;
@@ -291,16 +317,30 @@ impl Swarm {
         vehicle.plant_time = frame.map_or(vehicle.plant_time, |frame| frame.time);
         let plant = (vehicle.plant_time, frame.as_ref().map(|frame| &frame.measurement));
         vehicle.station.simulator_stands_still(vehicle.client.standstill(instant));
+        vehicle.station.simulator_has(vehicle.client.faults());
+        vehicle.station.controls_are(vehicle.client.controls(instant));
+        vehicle.station.pilot_takes_over(vehicle.client.pilot_takes_over(instant));
+        let by_pilot = vehicle.client.controls(instant);
         let outputs = vehicle.station.step(now, plant, false, InPlace::default(), &mut self.workspace);
         if let Some(command) = outputs.command {
-            let before = vehicle.command.replace(command).and_then(Command::controls);
-            let is_next = vehicle.commanded.is_some_and(|at| now.seconds_since(at) < 0.1);
+            // The first command after a pilot's controls is compared with these.
+            let (before, is_next) = match vehicle.command.replace(command) {
+                Some(Command::Release) => (by_pilot, true),
+                before => {
+                    let is_next = vehicle.commanded.is_some_and(|at| now.seconds_since(at) < 0.1);
+                    (before.and_then(Command::controls), is_next)
+                }
+            };
             if let (Some(before), Some(after), true) = (before, command.controls(), is_next) {
                 let steps = [(after.roll - before.roll).abs(), (after.pitch - before.pitch).abs()];
                 vehicle.largest_step = [0, 1].map(|axis| vehicle.largest_step[axis].max(steps[axis]));
             }
-            vehicle.commanded = Some(now);
+            vehicle.commanded = if command == Command::Release { vehicle.commanded } else { Some(now) };
             vehicle.client.command(command, instant, &mut |datagram| vehicle.waiting.push(datagram.to_vec()));
+        }
+        if vehicle.client.shows_peers() {
+            let poses: Vec<_> = vehicle.station.agent().peer_poses(&self.origin).collect();
+            vehicle.client.show_peers(&poses, instant, &mut |datagram| vehicle.waiting.push(datagram.to_vec()));
         }
         let happened = outputs.outbox.happened.iter().map(|what| (now.seconds(), vehicle.id, *what));
         self.events.extend(happened);
@@ -324,7 +364,7 @@ impl Swarm {
         let state = outbox.state.map(|state| ReceivedState::new(through_wire(&*state), &self.origin));
         let mission = outbox.mission.map(|mission| PeerMessage::Mission(through_wire(&*mission)));
         for message in state.map(PeerMessage::State).into_iter().chain(mission) {
-            self.plan(DELAY_NS, Event::Message(nth, message));
+            self.plan(DELAY_NS, Event::Message(nth, Box::new(message)));
         }
     }
 
@@ -344,6 +384,23 @@ impl Swarm {
         self.order(nth, datagram);
     }
 
+    /// Gives an order to all vehicles, as an operator who is in contact with each.
+    pub fn give(&mut self, order: Order) {
+        let now = self.now();
+        let message = PeerMessage::Order(through_wire(&order));
+        self.vehicles.iter_mut().for_each(|vehicle| vehicle.station.receive(now, [Received { message, at: now }]));
+    }
+
+    /// The simulator's frame of the vehicle at this place.
+    pub fn truth(&self, nth: usize) -> Frame {
+        self.vehicles[nth].simulator.truth()
+    }
+
+    /// Positions of the controls as the simulator of the vehicle at this place last reported them.
+    pub fn controls(&self, nth: usize) -> Option<Controls> {
+        self.vehicles[nth].client.controls(self.instant())
+    }
+
     /// Sends a command of X-Plane to the simulator of the vehicle at this place.
     ///
     /// # Panics
@@ -352,6 +409,27 @@ impl Swarm {
         let mut datagram = Vec::new();
         operation::Command { path }.encode(&mut datagram).expect("a path that fits");
         self.order(nth, datagram);
+    }
+
+    /// Loads the aircraft file of this path in the simulator of the vehicle at this place.
+    ///
+    /// # Panics
+    /// If the path does not fit into a message.
+    pub fn load(&mut self, nth: usize, path: &str) {
+        let mut datagram = Vec::new();
+        Load { aircraft: 0, path, livery: 0 }.encode(&mut datagram).expect("a path that fits");
+        self.order(nth, datagram);
+    }
+
+    /// Number that a dataref of the simulator of the vehicle at this place holds, as its Web API reads it.
+    ///
+    /// # Panics
+    /// If the simulator has no such number.
+    pub fn read(&mut self, nth: usize, path: &str) -> f64 {
+        let dataref = Dataref::all().iter().position(|dataref| dataref.path() == path).expect("a dataref");
+        let values = self.vehicles[nth].simulator.serve(&Task::Read(vec![dataref])).expect("a frame");
+        let [Value::Number(value)] = values[..] else { panic!("{path} is not a number: {values:?}") };
+        value
     }
 
     /// Sends an order to a simulator several times, because one may be lost.
@@ -378,6 +456,20 @@ impl Swarm {
     pub fn place(&self, nth: usize) -> (PositionNed, f64) {
         let measurement = self.vehicles[nth].simulator.truth().measurement;
         (self.origin.ned_from_geodetic(&measurement.position), measurement.height_m)
+    }
+
+    /// Number of vehicles.
+    pub fn vehicles(&self) -> usize {
+        self.vehicles.len()
+    }
+
+    /// Places of the other aircraft that the simulator of the vehicle at this place draws.
+    pub fn drawn(&mut self, nth: usize) -> Vec<PositionNed> {
+        let server = self.vehicles[nth].simulator.server();
+        let drawn = (1..=19).filter_map(|number| server.other(number));
+        let geodetic =
+            drawn.map(|pose| Geodetic::from_degrees(pose.latitude_deg, pose.longitude_deg, pose.elevation_m));
+        geodetic.map(|place| self.origin.ned_from_geodetic(&place)).collect()
     }
 
     /// Whether every vehicle is an active member.

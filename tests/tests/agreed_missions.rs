@@ -1,6 +1,7 @@
 //! Missions in virtual time over bad networks, with split swarms and with faults: a few cells of the tables that
 //! `cargo run --release -p skein-tests --bin tables` prints.
 
+use skein_tests::missions::{self, Mission};
 use skein_tests::{faults, halves, in_parallel, tour};
 
 /// Period of the heartbeats, s.
@@ -57,5 +58,38 @@ fn no_fault_of_one_vehicle_stops_the_mission_of_the_others() {
                 _ => assert!(flight.noticed_s.unwrap() < 2.1 && flight.back_s.unwrap() < 25.0, "{case}"),
             }
         }
+    }
+}
+
+#[test]
+fn two_groups_that_a_cut_separates_keep_apart_whatever_each_receives_and_whenever_they_land() {
+    // Every place has the same slots, so that two groups without contact fly to the same positions.
+    let law = ["formation.law = \"virtual-structure\"", "formation.radius_m = 40", "formation.altitude_m = 25"];
+    let places = ["{ centre_ne_m = [0, 0] }", "{ centre_ne_m = [60, 0] }", "{ centre_ne_m = [60, 60] }"];
+    let landing = ["{ centre_ne_m = [0, 0] }", "{ hold_s = 25 }"];
+    let cases = [
+        ("the group that does not receive has the lowest id", "from = [2, 3], to = [1, 4]", &places[..]),
+        ("the group that receives has the lowest id", "from = [1, 4], to = [2, 3]", &places[..]),
+        ("a landing while a cut lasts", "from = [1, 2], to = [3, 4], both_ways = true", &landing[..]),
+        ("a landing while a cut in one direction lasts", "from = [3, 4], to = [1, 2]", &landing[..]),
+    ];
+    for (case, cut, steps) in cases {
+        let cut = format!("{{ at_s = 30, fault = \"cut\", {cut}, for_s = 60 }}");
+        let flights = in_parallel(0..6, |seed| missions::fly(&Mission::of(seed, 4, &law, steps, &[&cut])));
+        for (seed, flight) in flights.iter().enumerate() {
+            println!("{case}, seed {seed}: closest {:.1} m; {flight}", flight.closest_m);
+            assert!(flight.is_sound(), "{case}, seed {seed}: {flight}");
+        }
+    }
+}
+
+#[test]
+fn random_missions_end_by_landing_without_a_collision_and_ground_no_healthy_vehicle() {
+    for (mission, flight) in in_parallel(0..40, |seed| {
+        let mission = Mission::random(seed);
+        let flight = missions::fly(&mission);
+        (mission, flight)
+    }) {
+        assert!(flight.is_sound(), "{flight}\n{}", mission.text());
     }
 }

@@ -1,8 +1,12 @@
 //! Helicopters that no one has flown before: the ladder of `skein fit` makes each fly the default ring.
 
+use std::process::Command;
+
+use skein_core::aircraft::Aircraft;
 use skein_core::fit::{FitError, Fitted};
-use skein_tests::fit::{Climbed, climb, random_helicopter, ring};
-use skein_tests::in_parallel;
+use skein_tests::fit::{Climbed, climb, fit_over_wire, random_helicopter, ring};
+use skein_tests::wire::{Frames, Swarm};
+use skein_tests::{in_parallel, scenario};
 
 /// Random helicopters that are tried, and the least number of those that have to be fitted.
 const TRIED: u64 = 40;
@@ -44,4 +48,53 @@ fn random_helicopters_are_fitted_and_fly_the_default_ring() {
     });
     let fitted = fitted.into_iter().filter(|is| *is).count();
     assert!(fitted >= FITTED, "only {fitted} of {TRIED} have enough margin");
+}
+
+/// The files of aircraft to be fitted, with the path of an aircraft that has the datarefs of each.
+const TO_FIT: [(&str, &str); 2] = [
+    ("r22", "Aircraft/Laminar Research/Robinson R22 Beta II/R22.acf"),
+    ("rc-helicopter", "Aircraft/Skein/xcell60/xcell60.acf"),
+];
+
+#[test]
+fn each_aircraft_of_x_plane_is_fitted_over_the_protocol_and_flies_the_ring() {
+    assert_eq!(TO_FIT.map(|(name, _)| name), Aircraft::TO_FIT.map(|(name, _)| name));
+    let cell = Frames { rate: 50, jitter: 0.2, drop: 0.02 };
+    for (name, acf) in TO_FIT {
+        let base = Aircraft::shipped_text(name).unwrap();
+        let text = fit_over_wire(base, acf).unwrap();
+        let fitted = Aircraft::from_text("fitted.toml", &text).unwrap();
+        assert!(fitted.rotor_speed_rad_s.is_some() && fitted.helicopter.is_none(), "{text}");
+        let expected = skein_core::aircraft::Profile::from_text(name, base).unwrap();
+        assert_eq!(fitted.xplane, expected, "{name}");
+        let mut swarm = Swarm::of(&scenario("hover.toml", &[]), cell, &fitted, acf);
+        swarm.run_until(60.0);
+        for nth in 0..4 {
+            let (place, height_m) = swarm.place(nth);
+            let radius_m = (place.0.xy() - swarm.agent(nth).centre_ne_m()).norm();
+            assert!((90.0..110.0).contains(&radius_m) && height_m > 25.0, "{name}: {radius_m} m, {height_m} m");
+        }
+    }
+}
+
+#[test]
+fn an_aircraft_that_was_never_fitted_is_refused_with_the_command_that_fits_it() {
+    for (name, _) in TO_FIT {
+        let set = format!("swarm.aircraft={name}");
+        for command in [
+            &["fly", "hover", "--set", &set][..],
+            &["check", "hover", "--set", &set],
+            &["study", "hover", "--set", &set],
+            &["agent", "--scenario", "hover.toml", "--id", "1", "--set", &set],
+        ] {
+            let folder = tempfile::tempdir().unwrap();
+            std::fs::write(folder.path().join("hover.toml"), "swarm.vehicles = 1").unwrap();
+            let mut skein = Command::new(env!("CARGO_BIN_EXE_skein-under-test"));
+            let ended = skein.current_dir(&folder).args(command).output().unwrap();
+            let printed = String::from_utf8_lossy(&ended.stderr).replace(['\n', '\r'], " ");
+            assert_eq!(ended.status.code(), Some(2), "{command:?}: {printed}");
+            let remedy = format!("skein fit my-{name} --base {name} --xplane HOST");
+            assert!(printed.contains(&remedy), "{command:?}: {printed}");
+        }
+    }
 }

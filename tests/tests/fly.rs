@@ -22,7 +22,7 @@ use serde_json::Value;
 use skein::endpoints;
 use skein::observe::{Observer, SwarmMessage, TraceSubscription};
 use skein::reach::Reach;
-use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
+use skein_agent::plant::xplane::standin::{Standin, StandinOptions, WebPort};
 use skein_common::id::VehicleId;
 use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Source, load};
@@ -343,6 +343,12 @@ fn a_vehicle_that_is_killed_is_named_and_the_others_fly_on() {
     let after = flight.wait_for_all(&named).duration_since(killed);
     assert!(after < Duration::from_secs(5), "named after {after:?}");
     std::thread::sleep(Duration::from_secs(3));
+    let status = place.command().args(["status", "--json"]).output().unwrap();
+    let shown: Value = serde_json::from_slice(&status.stdout).unwrap();
+    let reports = shown["nodes"].as_array().unwrap().iter().map(|node| node["said"]["phase"].is_string());
+    assert_eq!(reports.collect::<Vec<_>>(), [true, false, true], "{shown:#}");
+    let stderr = String::from_utf8_lossy(&status.stderr).into_owned();
+    assert_eq!((status.status.code(), stderr.as_str()), (Some(1), "swarm bereft on this PC\nnot in contact: node 2\n"));
     assert!(place.agent(1).is_some() && place.agent(3).is_some() && place.agent(2).is_none());
     flight.interrupt();
     flight.wait_for("files");
@@ -405,11 +411,29 @@ fn orders_report_their_effect(place: &Place) {
         serde_json::json!({ "vehicle": 3, "before": "step 0", "after": "held at step 0" })
     );
     assert_eq!(order("goto 0"), printed(0, on));
+    one_vehicle_is_ordered_alone(order);
     assert_eq!(order("abort"), printed(0, "abort: accepted by vehicle 1-3; vehicle 1-3: step 0 -> aborted"));
     assert_eq!(
         order("hold"),
         printed(1, "hold: refused, because swarm orphaned was ordered to abort and no order can undo that")
     );
+}
+
+/// Orders vehicle 3 of three alone: it is held, joins again, and is released to a pilot for a moment.
+fn one_vehicle_is_ordered_alone(order: impl Fn(&str) -> (Option<i32>, String)) {
+    let refused = |line, why: &str| assert_eq!(order(line), (Some(2), format!("{why}\n")), "{line}");
+    refused("release", "release: name the vehicles that human pilots are to fly, such as --vehicles 3");
+    refused("hold --vehicles 2-4", "hold: swarm orphaned has no vehicle 4; its vehicles are 1-3");
+    let changes = |line: &str, change: &str| {
+        let verb = line.strip_suffix(" --vehicles 3").unwrap();
+        assert_eq!(order(line), (Some(0), format!("{verb}: accepted by vehicle 3; vehicle 3: {change}\n")));
+    };
+    changes("hold --vehicles 3", "step 0 -> held at step 0");
+    changes("goto 0 --vehicles 3", "held at step 0 -> joining");
+    std::thread::sleep(Duration::from_secs(4));
+    changes("release --vehicles 3", "step 0 -> released");
+    changes("goto 0 --vehicles 3", "released -> joining");
+    std::thread::sleep(Duration::from_secs(4));
 }
 
 /// All traces that arrive within this time.
@@ -537,8 +561,8 @@ fn an_invalid_flight_is_refused_before_any_process_starts() {
 }
 
 /// Flies fifty seconds of the default hover formation and checks its limits. At the end the ring is already spaced
-/// evenly.
-fn flies_the_default_formation(name: &'static str, plant: &[&str]) {
+/// evenly. Gives what was written on stderr.
+fn flies_the_default_formation(name: &'static str, plant: &[&str]) -> String {
     let place = Place::new(name);
     let mut command = place.command();
     command.args(["fly", "--json", "--duration", "50", "--plant"]).args(plant).arg("--out").arg(place.out());
@@ -558,6 +582,7 @@ fn flies_the_default_formation(name: &'static str, plant: &[&str]) {
     assert!(figure("at_altitude_s") <= 20.0 && figure("in_band_s") <= 30.0, "{metrics:#}");
     assert!(figure("min_separation_m") >= 10.0 && figure("max_tilt_deg") <= 25.0, "{metrics:#}");
     assert!(figure("nearest_pair_end_m") >= 100.0 && figure("collisions") == 0.0, "{metrics:#}");
+    String::from_utf8_lossy(&flown.stderr).into_owned()
 }
 
 // The names put these tests before the shorter ones.
@@ -572,19 +597,29 @@ fn a_default_formation_is_flown_by_four_processes_over_the_simulators_protocol()
     flies_the_default_formation("default-standin", &["standin"]);
 }
 
+/// Two of the simulators have a Web API, which places their aircraft.
 #[test]
 fn a_default_formation_is_flown_over_slow_irregular_simulators_that_lose_datagrams() {
     let stop = Arc::new(AtomicBool::new(false));
     let simulators: Vec<_> = (1..=4_u8).map(|id| slow_simulator(id, stop.clone())).collect();
-    flies_the_default_formation("default-slow", &["xplane", "--xplane", &format!("127.0.0.1:{SLOW_PORT}")]);
+    let web = [1, 3].map(|id| format!("vehicle.{id}.web=127.0.0.1:{}", WEB_PORT + 10 * (id - 1)));
+    let xplane = format!("127.0.0.1:{SLOW_PORT}");
+    let arguments = ["xplane", "--xplane", &xplane, "--set", &web[0], "--set", &web[1]];
+    let stderr = flies_the_default_formation("default-slow", &arguments);
+    let placed: Vec<_> = stderr.lines().filter(|line| line.contains("from its start")).collect();
+    assert!(placed.iter().all(|line| line.contains(" ok ")), "{stderr}");
+    let by_web: Vec<_> = placed.iter().map(|line| line.contains("by its Web API")).collect();
+    assert_eq!(by_web, [true, false, true, false], "{stderr}");
     stop.store(true, Ordering::Relaxed);
     simulators.into_iter().for_each(|simulator| simulator.join().unwrap());
 }
 
 /// Port of the first slow simulator, outside the range from which the system chooses ports.
 const SLOW_PORT: u16 = 17_300;
+/// Port of the first Web API.
+const WEB_PORT: u16 = 17_400;
 
-/// A simulator of 30 irregular frames a second that loses a datagram in twenty.
+/// A simulator of 30 irregular frames a second that loses a datagram in twenty. One with an odd number has a Web API.
 fn slow_simulator(id: u8, stop: Arc<AtomicBool>) -> JoinHandle<()> {
     let defaults = StandinOptions::augment_args(clap::Command::new("standin")).get_matches_from(["standin"]);
     let options = StandinOptions {
@@ -593,6 +628,7 @@ fn slow_simulator(id: u8, stop: Arc<AtomicBool>) -> JoinHandle<()> {
         rate: 30,
         jitter: 0.5,
         drop: 0.05,
+        web: WebPort((id % 2 == 1).then_some(WEB_PORT)),
         beacon: false,
         ..StandinOptions::from_arg_matches(&defaults).unwrap()
     };

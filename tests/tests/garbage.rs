@@ -22,7 +22,7 @@ use skein_agent::plant::xplane::wire::rpos::{self, Position};
 use skein_agent::plant::xplane::wire::rref;
 use skein_agent::run::{self, Stop};
 use skein_common::frame::{Geodetic, VelocityNed};
-use skein_common::id::{Incarnation, SwarmName, VehicleId};
+use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{
     Drops, Header, Health, Heartbeat, MAX_STEP, Order, State, Trace, VERSION, Verb, decode, encode,
 };
@@ -246,7 +246,7 @@ impl Stranger {
         self.put(Topic::State(id(1), cell), encode(&own));
         let alien = self.state(200);
         self.put(Topic::State(id(200), cell), encode(&alien));
-        let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land, signature: None };
+        let order = Order { epoch: u64::MAX, issuer: 1, verb: Verb::Land, vehicles: None, signature: None };
         let mission = Heartbeat {
             header: self.header(3),
             plan: 1,
@@ -256,7 +256,9 @@ impl Stranger {
             reached: Some(MAX_STEP),
             progress_m: 1e8,
             order: Some(order),
+            orders: 0,
             echo: None,
+            lost: VehicleSet::default(),
         };
         self.put(Topic::Mission(id(3)), encode(&mission));
         // The same message twice: a replay.
@@ -312,6 +314,7 @@ fn garbage_on_every_port_is_counted_and_never_believed() {
         security: Security::Plain,
         orders_key: None,
         run: 0,
+        inputs: None,
     };
     let tokio = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     let stop = Arc::new(Stop::default());

@@ -35,6 +35,25 @@ impl Host {
         host
     }
 
+    /// A host with a disk of its own, of this size. Needs root.
+    fn with_disk(megabytes: u64) -> Self {
+        let host = Self { folder: tempfile::tempdir().unwrap() };
+        let size = format!("size={megabytes}m");
+        assert!(mount(&["mount", "-t", "tmpfs", "-o", &size, "tmpfs"], host.folder.path()));
+        host.copy("r1");
+        host
+    }
+
+    /// Writes until nothing more fits; returns the file.
+    fn fill_disk(&self) -> PathBuf {
+        let path = self.folder.path().join("large");
+        let mut file = fs::File::create(&path).unwrap();
+        for size in [1 << 20, 4096, 1] {
+            while file.write_all(&vec![7; size]).is_ok() {}
+        }
+        path
+    }
+
     fn copy(&self, release: &str) {
         let program = self.program(release);
         fs::create_dir_all(program.parent().unwrap()).unwrap();
@@ -113,7 +132,18 @@ impl Drop for Host {
         for id in processes(folder) {
             let _ = kill_process(pid(id), Signal::KILL);
         }
+        // Only a folder that is a disk.
+        mount(&["umount", "--lazy", "--quiet"], self.folder.path());
     }
+}
+
+fn mount(command: &[&str], folder: &Path) -> bool {
+    Command::new(command[0])
+        .args(&command[1..])
+        .arg(folder)
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|done| done.success())
 }
 
 /// The processes whose command line contains this folder.
@@ -256,4 +286,34 @@ fn a_node_is_installed_started_kept_alive_landed_and_removed() {
     assert!(host.done("r2", Ask::Remove { within_s: 20.0 }).0);
     assert_eq!(entries(host.folder.path()), 0, "nothing is left");
     assert!(processes(host.folder.path().to_str().unwrap()).is_empty());
+}
+
+/// Needs root, for a small disk.
+#[test]
+fn an_agent_that_hangs_is_restarted_and_so_is_one_on_a_full_disk() {
+    if !rustix::process::geteuid().is_root() {
+        assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "this test needs root");
+        return eprintln!("skipped: it needs root");
+    }
+    let size = fs::metadata(PROGRAM).unwrap().len();
+    let host = Host::with_disk(size / 1_000_000 + 16);
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    host.done("r1", apply(&bundle(port, 4.0)));
+    let agent = host.done("r1", Ask::Start { run: 1, note: None }).1.agent.unwrap();
+
+    let file = host.fill_disk();
+    assert!(fs::write(host.swarm().join("node-1/run/another"), [7; 8192]).is_err(), "the disk is full");
+    kill(agent.pid);
+    let (agent, restarts) = host.restarted(agent.pid);
+    assert_eq!(restarts, 1, "it starts where nothing can be written");
+    fs::remove_file(file).unwrap();
+
+    wait_until("the vehicle flies", || host.log().contains("vehicle 1 at altitude"));
+    kill_process(pid(agent), Signal::STOP).unwrap();
+    let (_, restarts) = host.restarted(agent);
+    assert_eq!(restarts, 2);
+    let log = host.log();
+    assert!(log.contains("supervisor: the agent hangs: silent for 10 s; it is killed\n"), "{log}");
+    let stopped = host.ask("r1", Ask::Stop { within_s: 60.0 });
+    assert!(matches!(stopped, Answer::Done { changed: true, forced: false, .. }), "{stopped:?}");
 }

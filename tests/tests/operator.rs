@@ -150,6 +150,7 @@ fn health_reports_of_vehicles_are_shown_without_control_characters() {
         plant: format!("x{HOSTILE}"),
         version: format!("1\nnode 9: good{HOSTILE}"),
         failures: Vec::new(),
+        simulator_faults: Vec::new(),
         frame_rate_hz: 50.0,
         jitter_ms: 1.0,
         step_p50_us: 1.0,

@@ -129,7 +129,8 @@ fn banned(text: &str) -> Vec<(usize, &'static str, &'static str)> {
 /// The texts of a file that a person reads, each with the number of its first line, from 1.
 fn texts(path: &Path, content: &str) -> Vec<(usize, String)> {
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("rs") => {
+        // Their comments and strings are written alike.
+        Some("rs" | "js" | "mjs" | "css") => {
             let mut line = 1;
             let mut found = Vec::new();
             for (kind, part) in parts(content) {
@@ -148,7 +149,7 @@ fn texts(path: &Path, content: &str) -> Vec<(usize, String)> {
             }
             found
         }
-        Some("md") => {
+        Some("md" | "html") => {
             // Fences are commands and their output.
             let mut is_fence = false;
             let prose = content.lines().map(|line| {
@@ -170,10 +171,10 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     entries.sort();
     for path in entries {
         let name = path.file_name().unwrap().to_str().unwrap();
-        if matches!(name, "target" | ".git" | "golden" | "plain_words.rs") {
+        if matches!(name, "target" | ".git" | "golden" | "node_modules" | "html" | "plain_words.rs") {
             continue;
         }
-        let is_read = ["rs", "md", "toml", "py", "sh", "service"]
+        let is_read = ["rs", "js", "mjs", "css", "md", "html", "toml", "py", "sh", "service"]
             .iter()
             .any(|kind| path.extension().is_some_and(|own| own == *kind));
         if path.is_dir() {

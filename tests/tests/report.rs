@@ -9,9 +9,12 @@ use clap::Parser;
 use skein::cli::{self, Cli};
 use skein_common::scenario::Scenario;
 use skein_lab::metrics::Run;
+use skein_lab::metrics::figures::FIGURES;
 use skein_lab::recording::Recording;
-use skein_lab::report::figure::Drawing;
+use skein_lab::report::figure::{Colour, Drawing, Item, Marker, Name, Shape, escaped};
 use skein_lab::report::flight;
+use skein_lab::report::page::Tone;
+use skein_lab::report::verdict;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::study::Study;
 use skein_lab::study::record_run;
@@ -40,11 +43,69 @@ fn drawn(recording: &Recording) -> Vec<(Drawing, String)> {
         assert!(!figure.caption.is_empty(), "{name}");
         for axis in figure.panels.iter().flat_map(|panel| [&panel.x, &panel.y]) {
             let (_, unit) = axis.label().rsplit_once(", ").unwrap_or_default();
-            let is_named = ["vehicle", "sender", "receiver"].contains(&axis.label());
+            let named =
+                ["vehicle", "sender", "receiver", "receiver from sender", "receiver, a row for each sender", "groups"];
+            let is_named = named.contains(&axis.label());
             assert!(is_named || ["s", "m", "%", "ms", "share of full"].contains(&unit), "{name}: {}", axis.label());
         }
     }
+    drawn.iter().for_each(|(_, figure)| caption_names_what_is_drawn(figure));
     drawn.into_iter().map(|(svg, figure)| (figure, svg)).collect()
+}
+
+/// The phrases by which captions explain colours and shapes.
+const PHRASES: [&str; 14] = [
+    "Solid ring",
+    "Broken rings",
+    "Broken grey line",
+    "Coloured lines",
+    "Coloured bars",
+    "Bold crosses",
+    "Grey crosses",
+    "Small dots",
+    "Large dots",
+    "Large markers",
+    "Larger dots and markers",
+    "Bars: ",
+    "Line: ",
+    "Dots: ",
+];
+
+/// Everything that is drawn is named in the picture or in its caption, and the caption explains nothing that is not drawn.
+fn caption_names_what_is_drawn(figure: &Drawing) {
+    let (name, caption) = (&figure.name, figure.full_caption());
+    let items = || figure.panels.iter().flat_map(|panel| &panel.items).filter(|item| !item.shape.is_empty());
+    for item in items() {
+        let is_named = item.name != Name::None || matches!(item.shape, Shape::Note { .. });
+        let meaning = item.meaning.as_deref();
+        assert!(is_named || meaning.is_some(), "{name}: {item:?}");
+        assert!(meaning.is_none_or(|meaning| caption.matches(meaning).count() == 1), "{name}: {meaning:?}");
+    }
+    for phrase in PHRASES.into_iter().filter(|phrase| caption.contains(phrase)) {
+        let is_it = |item: &Item| item.meaning.as_ref().is_some_and(|meaning| meaning.starts_with(phrase));
+        assert!(items().any(is_it), "{name}: {phrase}");
+    }
+    let crosses = |colour: Colour| {
+        let is_cross = |item: &Item| matches!(item.shape, Shape::Dots { marker: Marker::Cross, .. });
+        items().filter(|item| item.colour == colour && is_cross(item)).count()
+    };
+    assert_eq!(caption.contains("Bold crosses"), crosses(Colour::BLACK) > 0, "{name}");
+    assert_eq!(caption.contains("Grey crosses"), crosses(Colour::GREY) > 0, "{name}");
+}
+
+fn figure<'a>(drawn: &'a [(Drawing, String)], name: &str) -> &'a Drawing {
+    &drawn.iter().find(|(figure, _)| figure.name == name).unwrap().0
+}
+
+/// The notes of a picture, each with its place.
+fn notes(figure: &Drawing) -> Vec<(&str, [f64; 2])> {
+    let items = figure.panels.iter().flat_map(|panel| &panel.items);
+    items
+        .filter_map(|item| match &item.shape {
+            Shape::Note { at, text, .. } => Some((text.as_str(), *at)),
+            _ => None,
+        })
+        .collect()
 }
 
 fn names(drawn: &[(Drawing, String)]) -> Vec<&str> {
@@ -55,7 +116,7 @@ fn svg<'a>(drawn: &'a [(Drawing, String)], name: &str) -> &'a str {
     &drawn.iter().find(|(figure, _)| figure.name == name).unwrap().1
 }
 
-const ALWAYS: [&str; 6] = ["overview", "final-places", "centre-distance", "altitude", "effort", "timeline"];
+const ALWAYS: [&str; 6] = ["overview", "timeline", "final-places", "centre-distance", "altitude", "effort"];
 
 /// A scenario of the paper.
 fn of_paper(name: &str) -> Scenario {
@@ -113,6 +174,30 @@ fn faults_are_marked_in_every_figure_over_time() {
             assert!(svg.contains(mark), "{name}: {mark}");
         }
     }
+    // The path of the vehicle whose agent was killed ends with a cross and its number.
+    let overview = figure(&drawn, "overview");
+    let crosses: Vec<[f64; 2]> = overview.panels[0]
+        .items
+        .iter()
+        .filter_map(|item| match &item.shape {
+            Shape::Dots { at, marker: Marker::Cross, .. } if item.colour == Colour::BLACK => at.first().copied(),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(crosses.len(), 1, "one agent was killed");
+    assert!(notes(overview).contains(&("3", crosses[0])), "{:?}", notes(overview));
+    // A cut in two shows for each pair across it, and as two groups.
+    let contact = figure(&drawn, "contact");
+    let lost = contact.panels[0].items.iter().find(|item| item.name == Name::InLegend("not received".to_owned()));
+    let Some(Shape::Cells(cells)) = lost.map(|item| &item.shape) else { panic!("no pair is shown without contact") };
+    let across = cells.iter().filter(|(from, to)| from[0] < 155.0 && to[0] > 168.0).count();
+    assert_eq!(across, 2 * 2 * 4, "pairs between 1, 2 and 3, 4, 5, 6");
+    let Shape::Line { pieces, .. } = &contact.panels[1].items[0].shape else { panic!("a line of groups") };
+    let groups = |from_s: f64, to_s: f64| {
+        let inside = pieces.iter().flatten().filter(|[t_s, _]| (from_s..to_s).contains(t_s));
+        inside.map(|[_, groups]| *groups).fold(0.0, f64::max)
+    };
+    assert_eq!((groups(90.0, 145.0), groups(155.0, 165.0), groups(180.0, 230.0)), (1.0, 2.0, 1.0));
     let timeline = svg(&drawn, "timeline");
     for text in ["gather", "gate", "reached the step", "reported a failure", "out of formation"] {
         assert!(timeline.contains(text), "{text}");
@@ -125,6 +210,14 @@ fn fifty_vehicles_are_drawn_as_an_envelope_and_a_single_one_has_no_pairs() {
     let fifty = drawn(&recorded("hover.toml", &fifty, 1.0));
     assert!(svg(&fifty, "centre-distance").contains("all vehicles, least to largest"));
     assert!(svg(&fifty, "pair-distance").contains("all pairs, least to largest"));
+    let Some(Shape::Cells(cells)) = figure(&fifty, "contact").panels[0].items.first().map(|item| &item.shape) else {
+        panic!("cells")
+    };
+    assert!(cells.len() >= 50, "a row for each receiver");
+    let sixteen = ["swarm.vehicles=16", "start.square_m=300", "formation.radius_m=120", "duration_s=20"];
+    let sixteen = drawn(&recorded("hover.toml", &sixteen, 1.0));
+    let ids = notes(figure(&sixteen, "overview"));
+    assert!((1..=16).all(|id| ids.iter().any(|(text, _)| *text == id.to_string())), "{ids:?}");
     let alone = drawn(&recorded("hover.toml", &["swarm.vehicles=1", "duration_s=20"], 1.0));
     assert!(!names(&alone).contains(&"pair-distance") && !names(&alone).contains(&"separation"));
 }
@@ -141,6 +234,32 @@ fn recordings_without_steps_or_with_one_step_are_drawn_too() {
     recording.tracks.clear();
     recording.noted.clear();
     assert_eq!(names(&drawn(&recording)), ALWAYS);
+}
+
+/// A collision and a crash are named with their time, their vehicles and the fault before them.
+#[test]
+fn the_verdict_names_what_went_wrong_when_with_which_vehicle_and_after_which_fault() {
+    let mut recording = recorded("tour.toml", &["duration_s=260"], 10.0);
+    let lines = verdict::of_flight(&recording, None);
+    let says = |lines: &[skein_lab::report::page::Line], tone: Tone, text: &str| {
+        lines.iter().any(|line| line.tone == tone && line.text.contains(text))
+    };
+    assert!(says(&lines, Tone::Plain, "6 vehicles flew the scenario tour"), "{lines:?}");
+    assert!(says(&lines, Tone::Plain, "3 killed at 60 s; 3 restarted at 80 s; links cut at 150 s"), "{lines:?}");
+    assert!(says(&lines, Tone::Plain, "5 at 240 s: engine out, autorotates"), "{lines:?}");
+    assert!(says(&lines, Tone::Bad, "Vehicle 5 crashed at 24"), "{lines:?}");
+    assert!(says(&lines, Tone::Bad, "s after engine out of vehicle 5"), "{lines:?}");
+    assert!(!lines.iter().any(|line| line.text.contains("collided")), "{lines:?}");
+    // Vehicle 2 is put 1.4 m beside vehicle 1 in the cut.
+    let at = |track: usize, recording: &Recording| {
+        recording.tracks[track].steps.iter().position(|step| step.t_s >= 160.0).unwrap()
+    };
+    let (one, other) = (at(0, &recording), at(1, &recording));
+    let mut beside = recording.tracks[0].steps[one].trace.position;
+    beside.0.x += 1.4;
+    recording.tracks[1].steps[other].trace.position = beside;
+    let lines = verdict::of_flight(&recording, None);
+    assert!(says(&lines, Tone::Bad, "Vehicles 1 and 2 collided: 1.4 m apart at 160 s."), "{lines:?}");
 }
 
 fn skein(line: &[&str]) -> ExitCode {
@@ -192,6 +311,16 @@ fn reports_of_scenarios_and_of_a_study_need_no_other_files() {
         ["two: 6 runs", "network.delay_s", "figures/study-sweep.png", "figures/study-spread.png", "the worst run"]
     {
         assert!(page_of_study.contains(text), "{text}");
+    }
+    for page in [&page_of_scenarios, &page_of_study] {
+        let first = |what: &str| page.find(what).unwrap();
+        assert!(first("class=\"verdict\"") < first("<figure"), "the verdict comes before the pictures");
+        assert!(first("<figure") < first("<table"), "the pictures come before the tables");
+    }
+    let shown = || FIGURES.iter().filter(|figure| page_of_study.contains(&format!("<th>{}</th>", figure.key)));
+    assert!(shown().count() > 2, "the table of points has figures");
+    for figure in shown() {
+        assert!(page_of_study.contains(&escaped(&figure.meaning.replace('`', ""))), "{}", figure.key);
     }
     let report = at("flight-report");
     assert_eq!(skein(&["report", &recording, "--csv", "--out", &report]), ExitCode::SUCCESS);

@@ -3,8 +3,12 @@
 //! is even again, and the other three never stop.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
-use skein_common::message::{EventKind, Standstill};
+use skein_agent::plant::xplane::client::RANDOM_FAILURES;
+use skein_agent::plant::xplane::server::DEFAULT_ACF;
+use skein_common::message::{EventKind, ShortText, SimulatorFault, Standstill};
 use skein_common::scenario::Scenario;
+use skein_common::state::Membership;
+use skein_core::aircraft::{Aircraft, Dataref};
 use skein_lab::metrics::largest_gap_deviation_rad;
 use skein_tests::scenario;
 use skein_tests::wire::{Frames, Swarm};
@@ -20,6 +24,8 @@ const CONTROLS_WITHIN_S: f64 = 2.0;
 const EVEN_WITHIN_S: f64 = 120.0;
 /// Largest change of roll or pitch from one command to the next, as a share of full deflection: that of a take-off.
 const LARGEST_STEP: f64 = 0.25;
+/// A mission whose centre moves at 2 m/s.
+const MOVING: &str = "mission.steps=[{ path_ne_m = [[0, 0], [300, 0]] }]";
 /// Distance below which two vehicles are too close, m.
 const CLOSEST_M: f64 = 10.0;
 
@@ -36,10 +42,17 @@ struct Flown {
     events: Vec<EventKind>,
 }
 
+fn four() -> Scenario {
+    Scenario { seed: 3, ..scenario("hover.toml", &[]) }
+}
+
 /// Flies a ring, begins a fault, ends it `away_s` later, and flies on until the ring is even.
 fn fly(begin: impl Fn(&mut Swarm), away_s: f64, end: impl Fn(&mut Swarm)) -> Flown {
-    let scenario = Scenario { seed: 3, ..scenario("hover.toml", &[]) };
-    let mut swarm = Swarm::new(&scenario, CELL);
+    fly_in(Swarm::new(&four(), CELL), begin, away_s, end)
+}
+
+/// The same with these simulators.
+fn fly_in(mut swarm: Swarm, begin: impl Fn(&mut Swarm), away_s: f64, end: impl Fn(&mut Swarm)) -> Flown {
     let mut closest_m = f64::MAX;
     let mut run_for = |swarm: &mut Swarm, for_s: f64| {
         let until_s = swarm.now().seconds() + for_s;
@@ -170,12 +183,14 @@ fn a_simulator_that_hangs_flies_on_when_it_is_back() {
 fn a_simulator_that_was_killed_and_started_again_takes_off_again() {
     let flown = fly(|swarm| swarm.write(VICTIM, "skein/standin/restart_s", 5.0), 5.0, |_| {});
     keeps_its_limits("killed, back after 5 s", &flown);
+    assert!(flown.controls_s < CONTROLS_WITHIN_S);
 }
 
 #[test]
 fn an_aircraft_that_is_reset_takes_off_again() {
     let flown = fly(|swarm| swarm.command(VICTIM, "sim/operation/reset_flight"), 0.1, |_| {});
     keeps_its_limits("reset", &flown);
+    assert!(flown.controls_s < CONTROLS_WITHIN_S);
     assert!(flown.events.contains(&stopped(Standstill::Placed)));
 }
 
@@ -189,7 +204,121 @@ fn a_crashed_aircraft_is_waited_for_until_its_reset() {
         },
     );
     keeps_its_limits("crashed, reset after 5 s", &flown);
+    assert!(flown.controls_s < CONTROLS_WITHIN_S);
     assert!(flown.events.contains(&stopped(Standstill::Crashed)));
+}
+
+/// Four simulators, and an aircraft file that names their aircraft.
+fn with_named_aircraft() -> Swarm {
+    let mut aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
+    aircraft.xplane.acf = Some("xcell60".to_owned());
+    Swarm::of(&four(), CELL, &aircraft, DEFAULT_ACF)
+}
+
+#[test]
+fn an_aircraft_that_is_loaded_again_in_the_air_flies_on_and_rejoins() {
+    let flown = fly_in(with_named_aircraft(), |swarm| swarm.load(VICTIM, DEFAULT_ACF), 3.1, |_| {});
+    keeps_its_limits("loaded again", &flown);
+    assert!(flown.controls_s < CONTROLS_WITHIN_S);
+    for expected in [EventKind::SimulatorLost, EventKind::BecameActive] {
+        assert!(flown.events.contains(&expected), "{:?}", flown.events);
+    }
+}
+
+/// Path of an aircraft that the aircraft file is not for.
+const OTHER: &str = "Aircraft/Laminar Research/R22/R22.acf";
+
+/// Another aircraft was loaded 20 s ago: its pilot has the controls. Loads the right one, at its start.
+fn load_the_right_one(swarm: &mut Swarm, given_back_for_s: f64) {
+    let age_s = swarm.commanded(VICTIM).map(|at| swarm.now().seconds_since(at));
+    assert!(age_s.is_some_and(|age_s| age_s > given_back_for_s), "it still writes the controls: {age_s:?}");
+    assert!(swarm.read(VICTIM, "sim/operation/override/override_joystick") == 0.0, "the pilot has no controls");
+    assert_eq!(swarm.agent(VICTIM).membership(), Membership::Joining, "the swarm does not wait for it");
+    swarm.load(VICTIM, DEFAULT_ACF);
+    swarm.command(VICTIM, "sim/operation/reset_flight");
+}
+
+#[test]
+fn another_aircraft_is_left_to_its_pilot_until_the_right_one_is_back() {
+    let flown =
+        fly_in(with_named_aircraft(), |swarm| swarm.load(VICTIM, OTHER), 20.0, |swarm| load_the_right_one(swarm, 14.0));
+    keeps_its_limits("another aircraft for 20 s", &flown);
+    assert!(flown.events.contains(&stopped(Standstill::OtherAircraft(ShortText::of(OTHER)))), "{:?}", flown.events);
+    // Loading takes 3 s, and its path is read anew.
+    assert!(flown.controls_s < 3.0 + 2.0 + CONTROLS_WITHIN_S);
+}
+
+/// X-Plane sends its frames as before, and the aircraft stays in its place: only its path is another one.
+#[test]
+fn a_swap_of_the_aircraft_that_stops_no_frame_is_noticed_within_two_seconds() {
+    let flown = fly_in(
+        with_named_aircraft(),
+        |swarm| {
+            swarm.write(VICTIM, "skein/standin/load_s", 0.0);
+            swarm.load(VICTIM, OTHER);
+        },
+        20.0,
+        |swarm| load_the_right_one(swarm, 18.0),
+    );
+    keeps_its_limits("another aircraft without a stall", &flown);
+    assert!(flown.events.contains(&stopped(Standstill::OtherAircraft(ShortText::of(OTHER)))), "{:?}", flown.events);
+    assert!(!flown.events.contains(&EventKind::SimulatorLost), "frames never stop: {:?}", flown.events);
+    assert!(flown.controls_s < 2.0 + CONTROLS_WITHIN_S);
+}
+
+#[test]
+fn faults_of_the_simulators_set_up_are_reported_by_name_and_do_not_ground_the_vehicle() {
+    const MISSING: &str = "laminar/s76/collective";
+    let mut aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
+    aircraft.xplane.hold.insert(Dataref::new(MISSING).unwrap(), 1.0);
+    let mut swarm = Swarm::of(&four(), CELL, &aircraft, DEFAULT_ACF);
+    swarm.run_until(30.0);
+    swarm.write(VICTIM, RANDOM_FAILURES[0], 1.0);
+    swarm.run_until(40.0);
+    let faults = |nth: u8| -> Vec<SimulatorFault> {
+        let own = swarm.events.iter().filter(|(_, id, _)| id.get() == nth + 1);
+        own.filter_map(|(_, _, what)| if let EventKind::SimulatorFault(fault) = what { Some(*fault) } else { None })
+            .collect()
+    };
+    let missing = SimulatorFault::NoDataref(ShortText::of(MISSING));
+    assert_eq!(
+        faults(VICTIM as u8),
+        [missing, SimulatorFault::RandomFailures],
+        "each once, and the second when it is turned on"
+    );
+    assert_eq!(faults(0), [missing]);
+    assert!(swarm.place(VICTIM).1 > 25.0, "it flies all the same");
+}
+
+#[test]
+fn every_simulator_draws_its_agents_peers_where_they_are() {
+    let mut swarm = Swarm::new(&scenario("hover.toml", &["plant.show_peers=19", MOVING]), CELL);
+    let speed_m_s = |swarm: &Swarm| swarm.agent(0).centre_velocity_ne_m_s().norm();
+    while speed_m_s(&swarm) < 1.9 {
+        swarm.run();
+        assert!(swarm.now().seconds() < 200.0, "the centre does not move: {:?}", swarm.events);
+    }
+    // Until the ring is even its vehicles are faster than its centre.
+    let from_s = swarm.now().seconds() + 60.0;
+    swarm.run_until(from_s);
+    let until_s = from_s + 40.0;
+    let mut largest_m: f64 = 0.0;
+    while swarm.now().seconds() < until_s {
+        swarm.run();
+        let vehicles = swarm.vehicles();
+        for nth in 0..vehicles {
+            let drawn = swarm.drawn(nth);
+            assert_eq!(drawn.len(), vehicles - 1);
+            for peer in (0..vehicles).filter(|peer| *peer != nth) {
+                let (place, _) = swarm.place(peer);
+                let nearest_m = drawn.iter().map(|drawn| (*drawn - place).norm()).fold(f64::MAX, f64::min);
+                largest_m = largest_m.max(nearest_m);
+            }
+        }
+    }
+    assert!(speed_m_s(&swarm) > 1.9, "the centre still moves");
+    println!("peers are drawn within {largest_m:.2} m of their places");
+    assert!(largest_m < 0.5, "{largest_m} m");
 }
 
 #[test]

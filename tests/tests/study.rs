@@ -153,8 +153,10 @@ fn a_killed_study_resumes_and_gives_the_same_files() {
         let there = done();
         assert!((least..runs).contains(&there), "{there} runs at the kill");
         if least == 3 {
-            // An incomplete run does not count as a run.
-            fs::write(killed.join("point-1/seed-0/metrics.json"), "{\"seed\": 0,").unwrap();
+            // An incomplete run does not count as a run, and a file that was being written is not left behind.
+            for (name, text) in [("metrics.json", "{\"seed\": 0,"), ("metrics.json.7.draft", "{")] {
+                fs::write(killed.join("point-1/seed-0").join(name), text).unwrap();
+            }
             child = Command::new(PROGRAM)
                 .current_dir(folder.path())
                 .args(line.split_whitespace())

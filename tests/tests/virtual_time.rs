@@ -6,9 +6,12 @@ use std::num::NonZeroUsize;
 use serde_json::Value;
 use skein_common::id::VehicleId;
 use skein_common::state::{Membership, PeerStatus};
-use skein_lab::metrics::{Metrics, Report, Run, WALL_CLOCK_KEYS, Wall};
+use skein_lab::compare::divergence::{ComparedPair, Divergence, FigureDifference};
+use skein_lab::metrics::limits::{self, Limit};
+use skein_lab::metrics::{Measured, Metrics, Report, Run, WALL_CLOCK_KEYS, Wall};
 use skein_lab::study::{Study, measure, summarize};
 use skein_lab::world::World;
+use skein_tests::divergence::too_far;
 use skein_tests::{in_parallel, scenario, study, wire};
 
 const TWO: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
@@ -17,58 +20,18 @@ fn fly(study: &Study, seeds: u64) -> Vec<Report> {
     study.fly_all(0..seeds, TWO, |_| {}).unwrap()
 }
 
-/// The limits that every seed of the four-vehicle hover formation keeps.
-struct Limits {
-    at_altitude_s: f64,
-    in_band_s: f64,
-    even_10deg_s: f64,
-    even_5deg_s: Option<f64>,
-    radial_rms_m: f64,
-    radial_mean_m: [f64; 2],
-    spacing_error_deg: f64,
-    nearest_pair_end_m: f64,
-}
-
-fn keeps(report: &Report, limits: &Limits) {
-    let seed = report.run.seed;
-    let below = |name: &str, figure: Option<f64>, limit: f64| {
-        assert!(figure.is_some_and(|figure| figure <= limit), "seed {seed}: {name} is {figure:?}, limit {limit}");
-    };
-    let above = |name: &str, figure: Option<f64>, limit: f64| {
-        assert!(figure.is_some_and(|figure| figure >= limit), "seed {seed}: {name} is {figure:?}, limit {limit}");
-    };
-    below("at_altitude_s", report.at_altitude_s, limits.at_altitude_s);
-    below("in_band_s", report.in_band_s, limits.in_band_s);
-    below("even_10deg_s", report.even_10deg_s, limits.even_10deg_s);
-    if let Some(limit) = limits.even_5deg_s {
-        below("even_5deg_s", report.even_5deg_s, limit);
+/// Checks that a flight of the four-vehicle hover formation keeps these limits.
+fn keeps(report: &Report, limits: &[Limit]) {
+    let run = Measured::of(report);
+    for limit in limits {
+        let figure = run.outcome(limit.key);
+        assert!(limit.is_kept(&run), "seed {}: {} is {figure:?}, {:?}", run.seed, limit.key, limit.bound);
     }
-    below("radial_rms_m", report.radial_rms_m, limits.radial_rms_m);
-    above("radial_mean_m", report.radial_mean_m, limits.radial_mean_m[0]);
-    below("radial_mean_m", report.radial_mean_m, limits.radial_mean_m[1]);
-    below("spacing_error_deg", report.spacing_error_deg, limits.spacing_error_deg);
-    above("nearest_pair_end_m", report.nearest_pair_end_m, limits.nearest_pair_end_m);
-    below("oscillation_m", report.oscillation_m, 0.3);
-    above("min_separation_m", report.min_separation_m, 10.0);
-    below("max_tilt_deg", Some(report.max_tilt_deg), 25.0);
-    assert_eq!(report.collisions, 0, "seed {seed}");
 }
-
-/// The limits of the default hover formation.
-const DEFAULT: Limits = Limits {
-    at_altitude_s: 20.0,
-    in_band_s: 30.0,
-    even_10deg_s: 120.0,
-    even_5deg_s: Some(180.0),
-    radial_rms_m: 2.0,
-    radial_mean_m: [98.0, 103.0],
-    spacing_error_deg: 3.0,
-    nearest_pair_end_m: 135.0,
-};
 
 #[test]
 fn the_default_hover_formation_keeps_its_limits() {
-    fly(&study("hover.toml", &[]), 20).iter().for_each(|report| keeps(report, &DEFAULT));
+    fly(&study("hover.toml", &[]), 20).iter().for_each(|report| keeps(report, &limits::HOVER));
 }
 
 #[test]
@@ -77,7 +40,7 @@ fn over_the_simulators_protocol_it_keeps_them_down_to_20_frames_a_second_and_5_p
         for report in in_parallel(0..3, |seed| wire::fly(seed, cell, 400.0)) {
             let report = report.unwrap_or_else(|| panic!("{cell:?}: not all vehicles have joined"));
             if cell.rate >= 20 && cell.drop <= 0.05 {
-                keeps(&report, &DEFAULT);
+                keeps(&report, &limits::HOVER);
             }
             // Below that it may be worse, and no vehicle is lost.
             assert_eq!((report.crashes, report.collisions), (0, 0), "{cell:?}, seed {}", report.run.seed);
@@ -88,17 +51,7 @@ fn over_the_simulators_protocol_it_keeps_them_down_to_20_frames_a_second_and_5_p
 
 #[test]
 fn the_papers_hover_formation_keeps_its_limits() {
-    let limits = Limits {
-        at_altitude_s: 20.0,
-        in_band_s: 60.0,
-        even_10deg_s: 240.0,
-        even_5deg_s: None,
-        radial_rms_m: 6.0,
-        radial_mean_m: [96.0, 105.0],
-        spacing_error_deg: 8.0,
-        nearest_pair_end_m: 130.0,
-    };
-    fly(&study("hover.toml", &["preset=paper"]), 20).iter().for_each(|report| keeps(report, &limits));
+    fly(&study("hover.toml", &["preset=paper"]), 20).iter().for_each(|report| keeps(report, &limits::PAPER_HOVER));
 }
 
 #[test]
@@ -203,4 +156,28 @@ fn three_of_four_vehicles_respace_evenly_after_one_is_killed() {
         assert!(report.in_band_s.is_some_and(|since_s| since_s < 0.03), "seed {seed}: a vehicle left the band");
         println!("seed {seed}: noticed after {noticed_s:?} s, even to 10 degrees after {:?} s", report.even_10deg_s);
     }
+}
+
+#[test]
+fn two_plants_differ_too_much_beyond_a_twentieth_of_a_figure_and_a_tenth_of_its_limit() {
+    let is_too_far = |key: &str, a: Option<f64>, b: Option<f64>| {
+        let figure = FigureDifference {
+            key: key.to_owned(),
+            a,
+            b,
+            difference: a.zip(b).map(|(a, b)| b - a),
+            relative: None,
+            farthest: ComparedPair { seed: 0, a, b },
+            each: Vec::new(),
+        };
+        let (figures, one_sided) = (vec![figure], Default::default());
+        let plants = Divergence { a: String::new(), b: String::new(), pairs: 1, figures, one_sided };
+        !too_far(&plants).is_empty()
+    };
+    assert!(!is_too_far("min_separation_m", Some(60.0), Some(62.9)));
+    assert!(is_too_far("min_separation_m", Some(60.0), Some(63.1)));
+    assert!(!is_too_far("radial_rms_m", Some(1.0), Some(1.19)));
+    assert!(is_too_far("radial_rms_m", Some(1.0), Some(0.79)));
+    assert!(!is_too_far("even_5deg_s", None, None) && is_too_far("even_5deg_s", None, Some(100.0)));
+    assert!(!is_too_far("step_p99_us", Some(36.0), Some(98.0)), "it has no limit of the ring");
 }

@@ -12,20 +12,23 @@
 //! A step without a new measurement receives and sends messages but decides nothing: the mission gives no task, and
 //! without a task there is neither a setpoint nor a new command.
 
+mod records;
+mod steady_clock;
+
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use nalgebra::Vector2;
-use skein_common::frame::{Origin, PositionNed, VelocityNed};
+use serde::{Deserialize, Serialize};
+use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Drops, EventKind, Failure, PeerAge, Standstill, Trace};
+use skein_common::message::{Drops, EventKind, Failure, SimulatorFault, StandingOrders, Standstill};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
-use skein_common::time::{LocalTime, Now, PlantTime};
+use skein_common::time::{Now, PlantTime};
 
 use crate::aircraft::Aircraft;
-use crate::control::{Controller, Rules, Setpoint, Trim};
-use crate::deadlines::Deadline;
+use crate::control::{Controller, Rules, Trim};
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{Condition, Conditions, Response};
@@ -33,12 +36,14 @@ use crate::formation::external::{LawQuery, LawReply};
 use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario, Workspace};
 use crate::intent::{Intents, ReceivedIntent};
 use crate::mission::{Mission, Task, View};
-use crate::outbox::{Outbox, SendSchedule};
+use crate::outbox::{Outbox, PeersReport, SendSchedule};
 use crate::pace::Pace;
 use crate::peers::{Broadcast, Change, PeerEstimate, PeerStateAge, Peers, Received};
-use crate::plant::{Command, GroundTruth, Measurement};
+use crate::plant::{Command, Controls, Measurement, PeerPose};
 use crate::random::{self, Purpose};
 use crate::strangers::{Strangers, StrangersReceived};
+use crate::tuning::Tuning;
+use steady_clock::SteadyClock;
 
 /// The inputs since the last step.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +65,7 @@ pub struct Inputs<'a> {
 }
 
 /// The outputs of a step.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outputs {
     /// The command to the plant; `None` leaves the last one unchanged.
     pub command: Option<Command>,
@@ -81,6 +86,7 @@ pub struct Agent {
     /// `None` if the swarm is not a team of a fleet.
     intents: Option<Box<Intents>>,
     mission: Mission,
+    tuning: Tuning,
     formation: Formation,
     controller: Controller,
     schedule: SendSchedule,
@@ -88,6 +94,12 @@ pub struct Agent {
     pace: Pace,
     /// Why the simulator does not simulate the flight, if it does not.
     standstill: Option<Standstill>,
+    /// Faults of the simulator's set-up, and those that have not been reported yet.
+    simulator_faults: Vec<SimulatorFault>,
+    new_faults: Vec<SimulatorFault>,
+    /// Present positions of the controls, if the plant reports them.
+    controls: Option<Controls>,
+    pilot_takes_over: bool,
     last: LastStep,
 }
 
@@ -115,6 +127,7 @@ struct LastStep {
     standstill: Option<Standstill>,
     membership: Membership,
     activity: Activity,
+    is_released: bool,
     plant_time: Option<PlantTime>,
     estimate: Option<Estimate>,
     output: Option<FormationOutput>,
@@ -145,18 +158,24 @@ impl Agent {
             peers: Peers::new(own, roster, plan, &scenario.network),
             strangers: Strangers::default(),
             intents: Intents::new(scenario).map(Box::new),
-            mission: Mission::new(scenario, aircraft.take_off_rotor_rad_s()),
+            mission: Mission::new(scenario, own, aircraft.take_off_rotor_rad_s()),
+            tuning: Tuning::new(scenario),
             formation: Formation::new(own, scenario)?,
             controller: Controller::new(scenario, rules, trim, aircraft.gains),
             schedule: SendSchedule::new(own, incarnation, &scenario.network),
             clock: SteadyClock::default(),
             pace: Pace::new(scenario.plant.min_frame_rate_hz),
             standstill: None,
+            simulator_faults: Vec::new(),
+            new_faults: Vec::new(),
+            controls: None,
+            pilot_takes_over: false,
             last: LastStep {
                 missing: Some(Condition::SimulatorLost),
                 standstill: None,
                 membership: Membership::Joining,
                 activity: Activity::Joining,
+                is_released: false,
                 plant_time: None,
                 estimate: None,
                 output: None,
@@ -171,57 +190,12 @@ impl Agent {
         let failure = self.diagnose(&own, inputs);
         let conditions = self.update_peers(&own, inputs);
         let (task, mut events) = self.decide(&own, failure, conditions, inputs);
+        self.tune(&own, &mut events);
         let output = self.compute_formation(&own, task.as_ref(), inputs, workspace);
         let command = self.control(&own, conditions, task.as_ref(), output.as_ref(), &mut events);
         let ask = self.formation.take_query(&mut events);
         let outbox = self.send(&own, conditions, events);
         Outputs { command, outbox, ask }
-    }
-
-    /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself
-    /// never uses.
-    pub fn trace(&mut self, now: Now, truth: &GroundTruth) -> Trace {
-        let peers = self.peers.estimates().map(|PeerEstimate { id, standing, age_s, delay_s, .. }| PeerAge {
-            id,
-            standing,
-            age_s,
-            delay_s,
-            delivered_age_s: 0.0,
-        });
-        let peers = peers.collect();
-        let LastStep { membership, activity, estimate, output, command, .. } = &self.last;
-        let output = output.as_ref();
-        let setpoint: Option<&Setpoint> = output.map(|output| &output.setpoint);
-        Trace {
-            header: self.schedule.header_of_trace(now.local),
-            plant_time: now.plant,
-            membership: *membership,
-            activity: *activity,
-            live: self.formation.live().min(usize::from(VehicleId::MAX)) as u8,
-            step: self.mission.at(),
-            reached: self.mission.reached(),
-            centre_ne_m: self.centre_ne_m().into(),
-            estimate: estimate.map(|estimate| estimate.position).unwrap_or_default(),
-            position: truth.position,
-            height_m: truth.height_m,
-            velocity: truth.velocity,
-            attitude: truth.attitude,
-            power_w: truth.power_w,
-            field_ne: output.map(|output| output.field_ne.into()).unwrap_or_default(),
-            error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m().into()).unwrap_or_default(),
-            altitude_setpoint_m: setpoint.map(|setpoint| setpoint.altitude_m).unwrap_or_default(),
-            controls: command
-                .and_then(Command::controls)
-                .map(|controls| [controls.roll, controls.pitch, controls.yaw, controls.collective]),
-            peers,
-            step_us: None,
-            safety_activations: self.formation.safety_activations(),
-            law_misses: self.law_misses(),
-            law_log: self.formation.law_log().to_vec(),
-            frame_overruns: 0,
-            state_messages: self.schedule.state_messages(),
-            state_bytes: self.schedule.state_bytes(),
-        }
     }
 
     /// The vehicle's estimated position; `None` before the first estimate.
@@ -232,6 +206,17 @@ impl Agent {
     /// The peers' estimated current states.
     pub fn peers(&self) -> impl Iterator<Item = PeerEstimate> {
         self.peers.estimates()
+    }
+
+    /// The peers' current poses, for a simulator that draws them; `origin` is that of the swarm's frame.
+    pub fn peer_poses(&self, origin: &Origin) -> impl Iterator<Item = PeerPose> {
+        let own = self.position().unwrap_or_default();
+        self.peers().map(move |peer| PeerPose {
+            id: peer.id,
+            position: origin.geodetic_from_ned(peer.position),
+            attitude: Attitude { heading_rad: peer.heading_rad, ..Attitude::default() },
+            distance_m: (peer.position - own).norm(),
+        })
     }
 
     /// The peers in contact whose newest state arrived less than 0.5 s ago, however long it was in flight.
@@ -328,6 +313,32 @@ impl Agent {
         self.standstill = why;
     }
 
+    /// Reports before the next step the faults of the simulator's set-up. They hold until the next report.
+    pub fn simulator_has(&mut self, faults: &[SimulatorFault]) {
+        if self.simulator_faults != faults {
+            let is_new = |fault: &&SimulatorFault| !self.simulator_faults.contains(fault);
+            self.new_faults.extend(faults.iter().filter(is_new));
+            self.simulator_faults = faults.to_vec();
+        }
+    }
+
+    /// Reports before the next step the present positions of the controls, if the plant reports them. They hold until the
+    /// next report.
+    pub fn controls_are(&mut self, controls: Option<Controls>) {
+        self.controls = controls;
+    }
+
+    /// Reports before the next step whether a human pilot takes the controls by moving the stick. It holds until the next
+    /// report. The vehicle is then released as by an order, until an order that names it takes the controls back.
+    pub fn pilot_takes_over(&mut self, takes_over: bool) {
+        self.pilot_takes_over = takes_over;
+    }
+
+    /// The orders that this agent knows.
+    pub fn orders(&self) -> &StandingOrders {
+        self.mission.orders()
+    }
+
     /// Messages and measurements dropped so far. The caller adds those dropped outside the core.
     pub fn drops(&self) -> Drops {
         Drops {
@@ -365,8 +376,10 @@ impl Agent {
 
     /// The diagnosis stage: a failure newly found in the own vehicle.
     fn diagnose(&mut self, own: &OwnEstimate, inputs: &Inputs<'_>) -> Option<Failure> {
-        if matches!(own.condition, Some(Condition::SimulatorLost | Condition::SimulatorStopped)) {
-            // The next measurement may come from a restarted simulator with the rotor at rest.
+        let is_released = self.last.command == Some(Command::Release);
+        if is_released || matches!(own.condition, Some(Condition::SimulatorLost | Condition::SimulatorStopped)) {
+            // The next measurement may come from a restarted simulator with the rotor at rest, and a pilot's manoeuvres are
+            // no failures.
             self.diagnosis.restart();
         }
         let (Some(_), Some(measurement)) = (own.new, inputs.measurement) else { return None };
@@ -413,6 +426,8 @@ impl Agent {
             collective_limit: self.controller.collective_limit(),
             in_place: output.is_some_and(|output| output.in_place),
             frames_are_too_few: self.pace.is_too_slow(),
+            pilot_takes_over: self.pilot_takes_over,
+            flies_above: self.peers.flies_above(),
             conditions,
         };
         let task = self.mission.step(own.now, estimate, &view, self.peers.heartbeats(), &mut events);
@@ -437,6 +452,13 @@ impl Agent {
             self.mission.take_report(report, &mut events);
         }
         events
+    }
+
+    /// Changes the formation by what an operator has set in flight.
+    fn tune(&mut self, own: &OwnEstimate, events: &mut Vec<EventKind>) {
+        if let Some(scenario) = self.tuning.step(own.dt_s, self.mission.orders(), events) {
+            self.formation.change(&scenario);
+        }
     }
 
     /// The formation stage: the formation's output; `None` without a task that needs one.
@@ -467,11 +489,16 @@ impl Agent {
         events: &mut Vec<EventKind>,
     ) -> Option<Command> {
         let response = conditions.response();
+        let was_released = self.last.command == Some(Command::Release);
         let Some((estimate, task)) = own.new.as_ref().zip(task) else {
-            let is_neutral = response == Response::Neutral && self.last.command.is_some();
+            let is_neutral = response == Response::Neutral && self.last.command.is_some() && !was_released;
             return is_neutral.then(|| self.controller.neutral());
         };
+        if was_released && *task != Task::Release {
+            self.controller.take_over(self.controls);
+        }
         let output = match (task, output) {
+            (Task::Release, _) => Some(Command::Release.into()),
             (Task::Park, _) => Some(self.controller.park(own.dt_s)),
             (Task::Autorotate { heading_rad }, _) => Some(self.controller.autorotate(own.dt_s, estimate, *heading_rad)),
             (_, Some(output)) if response == Response::LandTurning => {
@@ -495,8 +522,8 @@ impl Agent {
             Response::LetGo => own.estimate.map(|last| Estimate { velocity: VelocityNed::default(), ..last }),
             _ => own.estimate,
         };
-        let echo = |stamp| self.peers.echo(stamp);
-        let outbox = self.schedule.outbox(own.now.local, estimate.as_ref(), &self.mission, events, echo);
+        let peers = |stamp| PeersReport { echo: self.peers.echo(stamp), lost: self.peers.lost() };
+        let outbox = self.schedule.outbox(own.now.local, estimate.as_ref(), &self.mission, events, peers);
         let at = self.mission.at();
         let due = |intents: &mut Box<Intents>| intents.due(own.now.local, at);
         let flies = self.mission.membership() != Membership::Left;
@@ -516,6 +543,7 @@ impl Agent {
         if self.standstill != self.last.standstill {
             events.extend(self.standstill.map(EventKind::SimulatorStopped));
         }
+        events.extend(self.new_faults.drain(..).map(EventKind::SimulatorFault));
         let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
         let was_blind = is_blind(self.last.missing);
         if missing != self.last.missing {
@@ -538,32 +566,17 @@ impl Agent {
                 _ => {}
             }
         }
+        let is_released = activity == Activity::Released;
+        if is_released != self.last.is_released {
+            events.push(if is_released { EventKind::ControlsReleased } else { EventKind::ControlsTakenBack });
+        }
         // The estimate of the last step was needed up to here: the first data ever are not reported as back.
         self.last.estimate = estimate;
         self.last.missing = missing;
         self.last.standstill = self.standstill;
         self.last.membership = membership;
+        self.last.is_released = is_released;
         self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };
-    }
-}
-
-/// The own clock without its jumps: time in which this process cannot have run is not counted.
-#[derive(Clone, Copy, Debug, Default)]
-struct SteadyClock {
-    /// Last reading of the clock, and the steady time at that reading.
-    last: Option<(LocalTime, LocalTime)>,
-}
-
-impl SteadyClock {
-    /// The steady time, and whether the clock jumped: a step back, or one longer than [`Deadline::ClockJumped`].
-    fn read(&mut self, now: Now) -> (Now, bool) {
-        let (reading, steady) = self.last.unwrap_or((now.local, now.local));
-        let since_s = now.local.seconds_since(reading);
-        let jumped = since_s < 0.0 || Deadline::ClockJumped.is_past(since_s);
-        let since = if jumped { 0 } else { now.local.nanoseconds() - reading.nanoseconds() };
-        let local = LocalTime::from_nanoseconds(steady.nanoseconds().saturating_add(since));
-        self.last = Some((now.local, local));
-        (Now { local, ..now }, jumped)
     }
 }
 

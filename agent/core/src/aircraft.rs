@@ -3,6 +3,7 @@
 mod profile;
 
 use alloc::boxed::Box;
+use alloc::format;
 use alloc::string::ToString;
 
 use serde::Deserialize;
@@ -12,14 +13,12 @@ use crate::control::{Gains, Trim};
 use crate::helicopter::Parameters;
 pub use profile::{BadDataref, Dataref, Profile, name_and_element};
 
-/// An aircraft file, `deploy/aircraft/*.toml`.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// An aircraft that can be flown: the contents of an aircraft file, `deploy/aircraft/*.toml`.
+#[derive(Clone, Debug)]
 pub struct Aircraft {
     /// Controls and attitude in a hover without wind.
     pub trim: Trim,
     /// Factors on the movement of each control about its trim.
-    #[serde(default)]
     pub gains: Gains,
     /// Main rotor speed in flight, rad/s, for an aircraft without a flight model. If neither is given, the agent takes
     /// off without waiting for the rotor.
@@ -27,8 +26,28 @@ pub struct Aircraft {
     /// Parameters of the built-in flight model; absent for an aircraft that only X-Plane flies.
     pub helicopter: Option<Parameters>,
     /// The datarefs of its controls.
-    #[serde(default)]
     pub xplane: Profile,
+}
+
+/// An aircraft file as written.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AircraftFile {
+    fit: Option<FitState>,
+    trim: Option<Trim>,
+    #[serde(default)]
+    gains: Gains,
+    rotor_speed_rad_s: Option<f64>,
+    helicopter: Option<Parameters>,
+    #[serde(default)]
+    xplane: Profile,
+}
+
+/// Mark of a file without trim, which `skein fit` has to complete.
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum FitState {
+    Required,
 }
 
 /// A fault in an aircraft file, with its place: invalid TOML, an unknown key, or parameters that the flight model
@@ -57,6 +76,19 @@ impl Aircraft {
     pub const SHIPPED: [(&'static str, &'static str); 1] =
         [("xcell60", include_str!("../../../deploy/aircraft/xcell60.toml"))];
 
+    /// The aircraft files compiled into the program that name the controls of an aircraft of X-Plane, and which
+    /// `skein fit` has to complete, by name.
+    pub const TO_FIT: [(&'static str, &'static str); 2] = [
+        ("r22", include_str!("../../../deploy/aircraft/r22.toml")),
+        ("rc-helicopter", include_str!("../../../deploy/aircraft/rc-helicopter.toml")),
+    ];
+
+    /// The text of the file of this name, if it is compiled into the program.
+    pub fn shipped_text(name: &str) -> Option<&'static str> {
+        let mut all = Self::SHIPPED.iter().chain(&Self::TO_FIT);
+        all.find(|(shipped, _)| *shipped == name).map(|(_, text)| *text)
+    }
+
     /// The aircraft of this name, if it is compiled into the program.
     pub fn shipped(name: &str) -> Option<Result<Self, AircraftError>> {
         let (name, text) = Self::SHIPPED.iter().find(|(shipped, _)| *shipped == name)?;
@@ -67,14 +99,40 @@ impl Aircraft {
     ///
     /// # Errors
     ///
-    /// The first fault in the text, with its line.
+    /// The first fault in the text, with its line; a file that `skein fit` has to complete first.
     pub fn from_text(name: &str, text: &str) -> Result<Self, AircraftError> {
         let source = Source { name, text };
-        let (aircraft, written) = Written::typed::<Self>(&source, FileKind::Aircraft)?;
-        if let Some(parameters) = &aircraft.helicopter {
+        let (file, written) = Written::typed::<AircraftFile>(&source, FileKind::Aircraft)?;
+        if file.fit.is_some() {
+            let stem = name.rsplit(['/', '\\']).next().unwrap_or(name).trim_end_matches(".toml");
+            let message = "this aircraft has no trim and no gains yet";
+            let remedy = format!(
+                "`skein fit my-{stem} --base {stem} --xplane HOST` flies it once and writes my-{stem}.toml, which can be \
+                 flown"
+            );
+            return Err(written.fault("fit", message, Some(remedy)).into());
+        }
+        let Some(trim) = file.trim else {
+            let remedy = Some("add it to the file".to_string());
+            return Err(written.fault("trim", "`trim` is missing", remedy).into());
+        };
+        if let Some(parameters) = &file.helicopter {
             parameters.check().map_err(|error| written.fault(&error.key(), error.to_string(), None))?;
         }
-        Ok(aircraft)
+        let AircraftFile { gains, rotor_speed_rad_s, helicopter, xplane, .. } = file;
+        Ok(Self { trim, gains, rotor_speed_rad_s, helicopter, xplane })
+    }
+}
+
+impl Profile {
+    /// Reads the datarefs of an aircraft file, whether or not it has been fitted; `name` is for messages.
+    ///
+    /// # Errors
+    ///
+    /// The first fault in the text, with its line.
+    pub fn from_text(name: &str, text: &str) -> Result<Self, AircraftError> {
+        let (file, _) = Written::typed::<AircraftFile>(&Source { name, text }, FileKind::Aircraft)?;
+        Ok(file.xplane)
     }
 }
 
@@ -89,6 +147,22 @@ mod tests {
             assert!((0.0..1.0).contains(&aircraft.trim.collective), "{name}");
         }
         assert!(Aircraft::shipped("concorde").is_none());
+    }
+
+    #[test]
+    fn an_aircraft_that_was_never_fitted_names_its_controls_and_is_refused_with_the_remedy() {
+        for (name, text) in Aircraft::TO_FIT {
+            let profile = Profile::from_text(name, text).unwrap();
+            assert!(!profile.collective.is_empty() && profile.acf.is_none(), "{name}");
+            let refusal = Aircraft::from_text(&format!("lab/{name}.toml"), text).unwrap_err().to_string();
+            let remedy = format!("`skein fit my-{name} --base {name} --xplane HOST`");
+            assert!(refusal.contains("has no trim") && refusal.contains(&remedy), "{refusal}");
+            assert_eq!(Aircraft::shipped_text(name), Some(text));
+        }
+        let (_, fitted) = Aircraft::SHIPPED[0];
+        assert_eq!(Profile::from_text("xcell60", fitted).unwrap(), Profile::default());
+        let wrong = Aircraft::from_text("x.toml", "fit = \"later\"").unwrap_err().to_string();
+        assert!(wrong.starts_with("x.toml:1:7: `fit`: unknown variant `later`"), "{wrong}");
     }
 
     #[test]

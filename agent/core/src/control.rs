@@ -62,6 +62,9 @@ const OUTERMOST_ALTITUDE_ERROR_M: f64 = 10.0;
 const BRAKING_M_S2: f64 = 7.0;
 const BRAKE_PER_M_S: f64 = 2.0;
 
+/// Time over which the controls pass from those of a human pilot to those of the rules, s.
+const TRANSFER_S: f64 = 1.0;
+
 /// The formation's command to the vehicle controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setpoint {
@@ -201,13 +204,46 @@ pub struct VehicleController {
     auto_trim: Option<AutoTrim>,
     last: Controls,
     collective_limit: Option<CollectiveLimit>,
+    transfer: Option<Transfer>,
+}
+
+/// A bumpless transfer: the difference between the pilot's controls and those of the rules at its begin fades out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Transfer {
+    /// It begins with the next step, from these controls.
+    From(Controls),
+    /// This difference is left for a share of [`TRANSFER_S`], 0 to 1.
+    Fading { difference: Controls, left: f64 },
+}
+
+impl Transfer {
+    /// The controls on the way to those of the rules, and the rest of the transfer `dt_s` later.
+    fn step(self, to: Controls, dt_s: f64) -> (Controls, Option<Self>) {
+        let (difference, left) = match self {
+            Self::From(from) => (combine(from, to, |from, to| from - to), 1.0),
+            Self::Fading { difference, left } => (difference, left),
+        };
+        let left_after = left - dt_s.clamp(0.0, LONGEST_STEP_S) / TRANSFER_S;
+        let rest = (left_after > 0.0).then_some(Self::Fading { difference, left: left_after });
+        (combine(to, difference, |to, difference| to + left * difference).clamped(), rest)
+    }
+}
+
+/// Combines two sets of controls axis by axis.
+fn combine(one: Controls, other: Controls, with: impl Fn(f64, f64) -> f64) -> Controls {
+    Controls {
+        roll: with(one.roll, other.roll),
+        pitch: with(one.pitch, other.pitch),
+        yaw: with(one.yaw, other.yaw),
+        collective: with(one.collective, other.collective),
+    }
 }
 
 impl VehicleController {
     /// A controller that has not commanded anything yet.
     pub fn new(rules: Rules, trim: Trim, gains: Gains, auto_trim: bool) -> Self {
         let auto_trim = auto_trim.then(AutoTrim::default);
-        Self { rules, trim, gains, auto_trim, last: trim.controls(), collective_limit: None }
+        Self { rules, trim, gains, auto_trim, last: trim.controls(), collective_limit: None, transfer: None }
     }
 
     /// Computes the next controls. `dt_s` is the time since the last step; only auto-trim uses it.
@@ -223,6 +259,13 @@ impl VehicleController {
             Err(fault) => Some(fault),
         };
         ControlOutput { controls: self.last, fault }
+    }
+
+    /// Takes the vehicle over from a human pilot: the integrals begin anew, and the next steps lead from the controls that
+    /// the pilot left to those of the rules within a second. Where these are unknown, the rules apply at once.
+    pub fn take_over(&mut self, controls: Option<Controls>) {
+        self.auto_trim = self.auto_trim.map(|_| AutoTrim::default());
+        self.transfer = controls.filter(Controls::is_within_limits).map(Transfer::From);
     }
 
     /// Cyclic and pedals at trim, collective unchanged: for a vehicle without own data.
@@ -282,7 +325,15 @@ impl VehicleController {
             feedforward_ne_m_s: setpoint.feedforward_ne_m_s * gate,
             ..*setpoint
         };
-        let controls = self.controls(estimate, &gated, &found).ok_or(ControlFault::Rules)?;
+        let by_rules = self.controls(estimate, &gated, &found).ok_or(ControlFault::Rules)?;
+        let controls = match self.transfer.take() {
+            Some(transfer) => {
+                let (controls, rest) = transfer.step(by_rules, dt_s);
+                self.transfer = rest;
+                controls
+            }
+            None => by_rules,
+        };
         if let Some(auto_trim) = &mut self.auto_trim
             && gate >= 1.0
         {
@@ -325,12 +376,13 @@ impl VehicleController {
         let yaw = self.rules.heading.evaluate(&[heading_error_rad, estimate.rates.yaw_rad_s])?;
         let collective = self.rules.collective.evaluate(&[altitude_error_m, climb_m_s(estimate)])?;
         let (trim, gains) = (self.trim.controls(), &self.gains);
-        Some(Controls {
-            roll: (trim.roll + gains.roll * roll).clamp(-1.0, 1.0),
-            pitch: (trim.pitch + gains.pitch * pitch).clamp(-1.0, 1.0),
-            yaw: (trim.yaw + gains.yaw * yaw).clamp(-1.0, 1.0),
-            collective: (trim.collective + found.collective + gains.collective * collective).clamp(0.0, 1.0),
-        })
+        let by_rules = Controls {
+            roll: trim.roll + gains.roll * roll,
+            pitch: trim.pitch + gains.pitch * pitch,
+            yaw: trim.yaw + gains.yaw * yaw,
+            collective: trim.collective + found.collective + gains.collective * collective,
+        };
+        Some(by_rules.clamped())
     }
 }
 

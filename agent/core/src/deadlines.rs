@@ -21,6 +21,9 @@
 //! | [`HeartbeatDue`] | last heartbeat | 0.2 s | local clock | the next heartbeat is sent |
 //! | [`StateDue`] | last state sent | `network.state_max_period_s` | local clock | the next state is sent |
 //!
+//! A vehicle on the ground that has listened before and has not lost all peers, as after a restart of its simulator, does
+//! not wait for [`Listened`]: its agent has received its peers all the time.
+//!
 //! Deadlines do not wake the vehicle: a step notices those that have passed since the last step. The external law's
 //! limit is counted, not timed: the agent queries the law every `formation.external.period_s` of plant time and drops
 //! it after `formation.external.misses` queries in a row without a reply ([`crate::formation::external`]).
@@ -75,7 +78,8 @@ pub enum Deadline {
     LeniencyOver,
     /// A round trip is too old to bound a delay, because clocks drift.
     RoundTripOld,
-    /// The vehicle has listened to its peers and becomes an active member.
+    /// The vehicle has listened to its peers and becomes an active member. A vehicle on the ground that has listened
+    /// before and has not lost all peers does not wait for it.
     Listened,
     /// A vehicle off its altitude has come no nearer with the collective at its limit. With collective left the
     /// controller is still correcting.

@@ -19,6 +19,10 @@ use crate::plant::Measurement;
 /// Largest plausible body rate, rad/s; faster rates come from a broken sensor.
 const MAX_RATE_RAD_S: f64 = 50.0;
 
+/// Longest time over which a measured velocity is integrated, s: after a pause of the measurements the vehicle may have
+/// had any velocity.
+const LONGEST_STEP_S: f64 = 0.5;
+
 /// The vehicle's estimate of its own state at one instant. Every number is finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
@@ -107,16 +111,15 @@ impl Estimator {
         self.reckoning.is_on = true;
     }
 
-    /// Uses a measurement if it is present and plausible; returns the newest estimate, whatever its age.
+    /// Uses a measurement if it is present and plausible, and if its estimate is: the peers would refuse another one.
+    /// Returns the newest estimate, whatever its age.
     pub fn update(&mut self, now: Now, measurement: Option<&Measurement>) -> Option<Estimate> {
-        self.is_new = measurement.is_some_and(is_plausible);
-        if let Some(measurement) = measurement {
-            if self.is_new {
-                self.latest = Some((self.estimate(now.plant, measurement), now.local));
-            } else {
-                self.refused += 1;
-            }
-        }
+        let estimate = measurement.filter(|measurement| is_plausible(measurement));
+        let estimate = estimate.map(|measurement| self.estimate(now.plant, measurement));
+        let estimate = estimate.filter(|estimate| estimate.state().is_plausible());
+        self.is_new = estimate.is_some();
+        self.refused += u64::from(measurement.is_some() && estimate.is_none());
+        self.latest = estimate.map(|estimate| (estimate, now.local)).or(self.latest);
         self.latest.map(|(estimate, _)| estimate)
     }
 
@@ -168,7 +171,7 @@ impl DeadReckoning {
     fn update(&mut self, at: PlantTime, measurement: &Measurement) -> Geodetic {
         let (begin, displacement_ned_m) = match self.last {
             Some((begin, before)) if self.is_on || begin == measurement.position => {
-                let dt_s = at.seconds_since(before).max(0.0);
+                let dt_s = at.seconds_since(before).clamp(0.0, LONGEST_STEP_S);
                 (begin, self.displacement_ned_m + measurement.velocity.0 * dt_s)
             }
             _ => (measurement.position, Vector3::zeros()),
@@ -304,6 +307,26 @@ mod tests {
             let sent = origin().ned_from_geodetic(&estimate.geodetic);
             assert!((sent - estimate.position).norm() < 1e-5);
         }
+    }
+
+    #[test]
+    fn a_pause_of_the_measurements_is_not_dead_reckoned() {
+        let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, VelocitySensing::Measured));
+        estimator.update(at(0.0), Some(&measured(10.0, 20.0)));
+        estimator.update(at(200.0), Some(&measured(10.0, 20.0)));
+        estimator.dead_reckon();
+        let estimate = estimator.update(at(200.02), Some(&measured(0.0, 0.0))).unwrap();
+        let moved_m = (estimate.position - PositionNed::new(10.0, 20.0, -30.0)).norm();
+        assert!(moved_m < 0.6 * estimate.velocity.0.norm(), "{moved_m} m");
+    }
+
+    #[test]
+    fn an_estimate_that_peers_would_refuse_is_not_used() {
+        let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, VelocitySensing::Differenced));
+        let good = estimator.update(at(0.0), Some(&measured(0.0, 0.0)));
+        // A jump of the position, as of a simulator that places the aircraft elsewhere, is a velocity of 50 km/s.
+        assert_eq!(estimator.update(at(0.02), Some(&measured(1e6, 0.0))), good);
+        assert_eq!((estimator.refused(), estimator.is_new()), (1, false));
     }
 
     #[test]

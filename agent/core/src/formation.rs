@@ -11,13 +11,16 @@
 //! | [`mod@ring`], `olfati_saber`, `vasarhelyi`, `virtual_structure`, `displacement_consensus` | the laws |
 //! | [`slots`] | patterns of slots |
 //! | [`external`] | a law that runs in another program |
-//! | [`mod@conversion`], [`vertical`], [`safety`] | shared steps from a law's output to the setpoint |
+//! | [`mod@conversion`], [`vertical`], [`safety`], [`airspace`] | shared steps from a law's output to the setpoint |
+//! | [`room`] | whether the area of a flock has room for all vehicles |
 
+pub mod airspace;
 pub mod conversion;
 pub mod external;
 pub mod law;
 pub mod laws;
 pub mod ring;
+pub mod room;
 pub mod safety;
 pub mod slots;
 pub mod vertical;
@@ -28,6 +31,7 @@ mod vasarhelyi;
 mod virtual_structure;
 
 use alloc::boxed::Box;
+use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
@@ -42,8 +46,9 @@ use skein_common::time::PlantTime;
 use crate::control::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
-use crate::peers::{MAX_OBSTACLE_RADIUS_M, PeerEstimate, PeerSummary, Role};
+use crate::peers::{FRESH_S, MAX_OBSTACLE_RADIUS_M, PeerEstimate, PeerSummary, Role};
 use crate::strangers::MovingObstacle;
+use airspace::Airspace;
 use conversion::Conversion;
 use external::{External, LawQuery};
 use law::{Goal, Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle};
@@ -56,6 +61,8 @@ pub use ring::of as ring;
 const FASTEST_M_S: f64 = 7.5;
 /// Speed up to which strangers are cleared in time, m/s.
 const STRANGERS_M_S: f64 = 20.0;
+/// Speed above which an obstacle of known velocity counts as moving, m/s: one that hovers or lands does not.
+const MOVES_ABOVE_M_S: f64 = 1.0;
 /// Vertical distance beyond which an obstacle is ignored, m.
 const OBSTACLE_REACH_M: f64 = 15.0;
 /// Two vehicles nearer than this have no defined direction between them, m.
@@ -73,6 +80,42 @@ pub struct UnsupportedScenario(pub String);
 /// A law that this program does not know, or that refuses its parameters.
 pub fn check(scenario: &Scenario) -> Result<(), UnsupportedScenario> {
     scenario.ids().try_for_each(|id| Formation::new(id, scenario).map(drop))
+}
+
+/// Checks that the mission stays in the airspace of the scenario.
+///
+/// # Errors
+/// The first step that leaves it, and the remedy.
+pub fn check_airspace(scenario: &Scenario) -> Result<(), UnsupportedScenario> {
+    let extent_m = |formation: &scenario::Formation| extent_m(formation, scenario.swarm.vehicles);
+    airspace::check(scenario, extent_m).map_err(UnsupportedScenario)
+}
+
+/// Checks that a team of a fleet does not need more room than before: the teams keep their areas apart as they were written.
+///
+/// # Errors
+/// The first step that needs more room.
+pub fn check_area_of_team(written: &Scenario, tuned: &Scenario) -> Result<(), UnsupportedScenario> {
+    if written.team.is_none() {
+        return Ok(());
+    }
+    let room = |scenario: &Scenario, step: &scenario::Step| {
+        (
+            extent_m(&step.formation, scenario.swarm.vehicles),
+            step.formation.half_height_m(scenario.swarm.vehicles),
+            step.formation.altitude_m,
+        )
+    };
+    for (nth, (before, after)) in written.mission.steps.iter().zip(&tuned.mission.steps).enumerate() {
+        let ((before_m, before_half_m, before_altitude_m), (after_m, after_half_m, after_altitude_m)) =
+            (room(written, before), room(tuned, after));
+        if after_m > before_m || after_half_m > before_half_m || after_altitude_m != before_altitude_m {
+            return Err(UnsupportedScenario(format!(
+                "step {nth} would leave the area of {before_m} m around its centre that the other teams know"
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// The output of the formation stage for one step.
@@ -105,6 +148,8 @@ pub struct Formation {
     /// The external law, if a step uses one.
     external: Option<External>,
     filter: Option<SafetyFilter>,
+    /// `None` if nothing limits it.
+    airspace: Option<Airspace>,
     heights: Heights,
     /// All other live members.
     members: VehicleSet,
@@ -118,6 +163,8 @@ pub struct Formation {
 pub struct Workspace {
     neighbours: Vec<Neighbour>,
     obstacles: Vec<Obstacle>,
+    /// Those of the obstacles that move: position, velocity, uncertainty of the position, m.
+    moving: Vec<(PositionNed, VelocityNed, f64)>,
     constraints: Vec<Constraint>,
 }
 
@@ -199,6 +246,7 @@ impl Formation {
             own,
             filter: shapes.first().and_then(|shape| shape.filter),
             external: shapes.iter().any(|shape| shape.is_external).then(|| External::new(&scenario.formation.external)),
+            airspace: (!scenario.airspace.is_unlimited()).then(|| Airspace::new(&scenario.airspace)),
             shapes,
             steps,
             heights: Heights::default(),
@@ -207,6 +255,14 @@ impl Formation {
             is_restrained: false,
             activations: 0,
         })
+    }
+
+    /// Flies the formations of this scenario from now on, which differs from the present one in values that can change in
+    /// flight. A law with a memory begins anew. Values that a law refuses on the way to those that it accepts are left out.
+    pub fn change(&mut self, scenario: &Scenario) {
+        if let Ok(Self { shapes, steps, .. }) = Self::new(self.own, scenario) {
+            (self.shapes, self.steps) = (shapes, steps);
+        }
     }
 
     /// Number of live members in the last step, including this vehicle.
@@ -247,7 +303,7 @@ impl Formation {
             filter.map_or(0.0, |filter| filter.reach_m(FASTEST_M_S + feedforward_m_s, MAX_OBSTACLE_RADIUS_M))
         };
         match task {
-            Task::Wait | Task::Park | Task::Autorotate { .. } => 0.0,
+            Task::Wait | Task::Release | Task::Park | Task::Autorotate { .. } => 0.0,
             Task::Stay { .. } => filter_m(self.filter, 0.0),
             Task::Formation(goal) => {
                 let shape = self.steps.get(goal.step).and_then(|&nth| self.shapes.get_mut(nth));
@@ -268,7 +324,7 @@ impl Formation {
     /// Distance beyond which no stranger affects the output for this task, m; zero without a safety filter.
     pub fn strangers_reach_m(&self, task: &Task) -> f64 {
         let feedforward_m_s = match task {
-            Task::Wait | Task::Park | Task::Autorotate { .. } => return 0.0,
+            Task::Wait | Task::Release | Task::Park | Task::Autorotate { .. } => return 0.0,
             Task::Stay { .. } => 0.0,
             Task::Formation(goal) => goal.centre_velocity_ne_m_s.norm(),
         };
@@ -300,14 +356,14 @@ impl Formation {
             external.suspend();
         }
         match task {
-            Task::Wait | Task::Park | Task::Autorotate { .. } => None,
+            Task::Wait | Task::Release | Task::Park | Task::Autorotate { .. } => None,
             Task::Formation(goal) => self.fly(dt_s, estimate, goal, partition_rise_m, workspace),
             Task::Stay { at_ne_m, altitude_m, heading_rad, lands } => {
                 let command_ne_m_s = (at_ne_m - estimate.position.horizontal()) * VELOCITY_PER_ERROR_PER_S;
                 let feedforward_ne_m_s = Vector2::zeros();
                 let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s, workspace);
                 let risen_m = self.heights.risen_since_stay(partition_rise_m, *lands);
-                let altitude_m = altitude_m + risen_m;
+                let altitude_m = if *lands { altitude_m + risen_m } else { self.in_airspace_m(altitude_m + risen_m) };
                 let heading_rad = *heading_rad;
                 let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
                 Some(FormationOutput { field_ne: Vector2::zeros(), setpoint, in_place: false })
@@ -381,6 +437,7 @@ impl Formation {
             (None, Vertical::Ellipsoid) => self.heights.on_surface(dt_s, level_m, -field.z, estimate),
         };
         self.filter = shape.filter;
+        let altitude_m = self.in_airspace_m(altitude_m);
         let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s, workspace);
         let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
         let output = FormationOutput { field_ne: field.xy(), setpoint, in_place: false };
@@ -388,6 +445,11 @@ impl Formation {
             in_place: reached && output.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M,
             ..output
         })
+    }
+
+    /// The altitude nearest to this one between floor and ceiling of the airspace, m.
+    fn in_airspace_m(&self, altitude_m: f64) -> f64 {
+        self.airspace.as_ref().map_or(altitude_m, |airspace| airspace.altitude_m(altitude_m))
     }
 
     /// The relative velocity after the safety filter, feed-forward included; the commanded velocity if it keeps all
@@ -401,10 +463,10 @@ impl Formation {
     ) -> Vector2<f64> {
         let Some(filter) = self.filter else { return command_ne_m_s };
         let beside = |position: PositionNed| (estimate.position - position).z.abs() < filter.distance_m;
-        let Workspace { neighbours, obstacles, constraints } = workspace;
+        let Workspace { neighbours, obstacles, moving, constraints } = workspace;
         let members = neighbours.iter().filter(|member| beside(member.position));
         let members = members.map(|member| (member.position, member.velocity.horizontal(), 0.0));
-        // An obstacle is assumed to stay, so the vehicle keeps the distance alone.
+        // An obstacle is assumed to stay, so the vehicle keeps the distance alone. A moving one has another constraint below.
         let obstacles = obstacles.iter().map(|it| (it.position, Vector2::zeros(), it.radius_m));
         constraints.clear();
         for (position, velocity_ne_m_s, clear_m) in members.chain(obstacles) {
@@ -415,14 +477,18 @@ impl Formation {
                 constraints.push(constraint.relative(feedforward_ne_m_s, velocity_ne_m_s));
             }
         }
-        for stranger in &self.strangers {
-            let from_other_m = estimate.position - stranger.position;
-            let clear_m = filter.distance_m + stranger.uncertainty_m;
+        let strangers = self.strangers.iter().map(|it| (it.position, it.velocity, it.uncertainty_m));
+        for (position, velocity, uncertainty_m) in strangers.chain(moving.iter().copied()) {
+            let from_other_m = estimate.position - position;
+            let clear_m = filter.distance_m + uncertainty_m;
             let is_apart = from_other_m.xy().norm_squared() > COINCIDENT_M * COINCIDENT_M;
             if is_apart && from_other_m.z.abs() < clear_m {
-                let theirs_ne_m_s = stranger.velocity.horizontal();
+                let theirs_ne_m_s = velocity.horizontal();
                 constraints.push(filter.constraint_alone(from_other_m, clear_m, theirs_ne_m_s, feedforward_ne_m_s));
             }
+        }
+        if let Some(airspace) = &self.airspace {
+            constraints.extend(airspace.constraints(estimate.position, feedforward_ne_m_s));
         }
         let restrained = filter.restrain(command_ne_m_s.cap_magnitude(FASTEST_M_S), constraints);
         self.activations += u64::from(restrained.is_some() && !self.is_restrained);
@@ -436,6 +502,7 @@ impl Workspace {
     fn split_peers(&mut self, estimate: &Estimate, peers: impl Iterator<Item = PeerEstimate>) {
         self.neighbours.clear();
         self.obstacles.clear();
+        self.moving.clear();
         for PeerEstimate { id, position, velocity, heading_rad, carried_s, standing, role, .. } in peers {
             match role {
                 Role::Member => {
@@ -446,6 +513,10 @@ impl Workspace {
                 Role::Obstacle { radius_m } => {
                     if (position - estimate.position).z.abs() < OBSTACLE_REACH_M {
                         self.obstacles.push(Obstacle { id, position, radius_m });
+                        if standing == PeerStatus::Fresh && velocity.horizontal().norm() > MOVES_ABOVE_M_S {
+                            let uncertainty_m = velocity.horizontal().norm() * carried_s.min(FRESH_S);
+                            self.moving.push((position, velocity, uncertainty_m));
+                        }
                     }
                 }
                 Role::Nothing => {}

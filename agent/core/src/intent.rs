@@ -17,6 +17,7 @@
 
 use alloc::vec::Vec;
 
+use serde::{Deserialize, Serialize};
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{FleetVehicle, TeamId};
 use skein_common::message::{self, Header, MessageOrder};
@@ -40,7 +41,7 @@ const BETWEEN_M: f64 = 20.0;
 const ABOVE_M: f64 = 20.0;
 
 /// A circular area at one altitude, in the own team's frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Area {
     /// Its centre.
     pub centre: PositionNed,
@@ -58,7 +59,7 @@ impl Area {
 }
 
 /// What a team occupies and wants.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Intent {
     /// The area of the step that it flies.
     pub occupied: Area,
@@ -78,7 +79,7 @@ impl Intent {
 }
 
 /// An intent as received.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReceivedIntent {
     /// The vehicle that sent it.
     pub id: FleetVehicle,

@@ -4,12 +4,18 @@
 //!        2 s of listening, rotor at speed        order to land, last step, a failure
 //!   Joining ------------------------> Active ---------------------------> Left (descends, lands)
 //!      ^                               | formation <----> hold (ordered, or too few peers in contact)
-//!      +------ own data lost ----------+
+//!      +--- own data lost, released ---+
+//!           or on hold alone
 //! ```
 //!
 //! The swarm has no leader. The vehicles agree on the current step ([`agreement`]) and on a moving centre ([`centre`]).
-//! Orders are registers: the larger one wins, and every agent repeats the largest one it knows, so that an order to one
+//! Orders are registers ([`StandingOrders`]): every agent repeats those that it knows, so that an order that reaches one
 //! vehicle reaches all.
+//!
+//! An order to the whole swarm leaves the swarm together: all hold, or all land. An order that names vehicles takes them
+//! out of the agreement, so that the others never wait for them. A named vehicle on hold, or released to a human pilot, is
+//! not an active member: the others treat it as an obstacle and space themselves without it. When it is ordered to a step,
+//! it holds its place for two seconds, as a restarted agent does, and joins again.
 
 pub mod agreement;
 pub mod centre;
@@ -22,7 +28,7 @@ use alloc::vec::Vec;
 
 use nalgebra::Vector2;
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{self, EventKind, Failure, Order, Verb};
+use skein_common::message::{self, EventKind, Failure, Order, StandingOrders, Verb};
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -68,11 +74,16 @@ pub struct View {
     pub is_next_taken: bool,
     /// Whether the simulator delivers too few frames for a take-off.
     pub frames_are_too_few: bool,
+    /// Whether a human pilot takes the controls by moving the stick.
+    pub pilot_takes_over: bool,
+    /// Whether the own partition flies above another one, of which this vehicle does not know where it is.
+    pub flies_above: bool,
 }
 
 /// The mission stage of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Mission {
+    own: VehicleId,
     legs: Vec<Leg>,
     plan: u64,
     /// Rotor speed required for take-off, rad/s.
@@ -83,6 +94,8 @@ pub struct Mission {
     strangers: VehicleSet,
     /// Time at which this agent began to listen.
     since: Option<LocalTime>,
+    /// Whether it has listened long enough once.
+    has_listened: bool,
     activity: Activity,
     agreement: Agreement,
     /// The inputs of the agreement when it last followed the others, and when it last could not advance: with the same
@@ -94,7 +107,12 @@ pub struct Mission {
     /// Number of active members in contact, this vehicle included.
     live: usize,
     has_quorum: bool,
-    order: Option<Order>,
+    orders: StandingOrders,
+    /// The last order that was new to this vehicle, whichever vehicle it is to.
+    newest_order: Option<Order>,
+    /// The order that named this vehicle last when a pilot took the controls by the stick, if one has and no later order
+    /// has taken them back.
+    taken_by_stick: Option<Option<Order>>,
     leaving: bool,
     heading_rad: f64,
     at_altitude: bool,
@@ -125,19 +143,21 @@ struct Place {
 }
 
 impl Mission {
-    /// The mission of a scenario before its begin. The vehicle becomes an active member when the rotor has reached
+    /// The mission of vehicle `own` of a scenario before its begin. The vehicle becomes an active member when the rotor has reached
     /// `take_off_rotor_rad_s`, if the plant reports the rotor's speed.
-    pub fn new(scenario: &Scenario, take_off_rotor_rad_s: Option<f64>) -> Self {
+    pub fn new(scenario: &Scenario, own: VehicleId, take_off_rotor_rad_s: Option<f64>) -> Self {
         let legs = plan::legs(&scenario.mission);
         let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
         let last_step = legs.len().saturating_sub(1).min(message::MAX_STEP as usize) as u32;
         Self {
+            own,
             legs,
             plan: scenario.plan_hash(),
             take_off_rotor_rad_s,
             above_altitude_m: if scenario.control.auto_trim { 0.0 } else { ABOVE_ALTITUDE_UNTRIMMED_M },
             strangers: VehicleSet::default(),
             since: None,
+            has_listened: false,
             activity: Activity::Joining,
             agreement: Agreement::new(roster, last_step, scenario.mission.partition),
             followed: None,
@@ -145,7 +165,9 @@ impl Mission {
             awaited: VehicleSet::default(),
             live: 1,
             has_quorum: true,
-            order: None,
+            orders: StandingOrders::default(),
+            newest_order: None,
+            taken_by_stick: None,
             leaving: false,
             heading_rad: 0.0,
             at_altitude: false,
@@ -158,17 +180,25 @@ impl Mission {
         }
     }
 
-    /// Merges an order: the larger register wins.
+    /// Merges an order, and executes it if this vehicle obeys it.
     pub fn merge(&mut self, order: Order, happened: &mut Vec<EventKind>) {
-        if self.order >= Some(order) {
+        if !self.orders.merge(order) {
             return;
         }
-        self.order = Some(order);
-        happened.push(EventKind::OrderTaken(Order { signature: None, ..order }));
-        if let Verb::Goto(step) = order.verb {
-            let progress = self.agreement.order(step);
-            self.begin_step(progress, core::iter::empty(), happened);
-        }
+        self.newest_order = Some(order);
+        let is_obeyed = matches!(order.verb, Verb::Set(_)) || self.obeyed() == Some(order);
+        happened.extend(is_obeyed.then_some(EventKind::OrderTaken(Order { signature: None, ..order })));
+        let progress = match (order.verb, order.vehicles) {
+            (Verb::Goto(step), None) => self.agreement.order(step),
+            (Verb::Goto(step), Some(_)) if is_obeyed => self.agreement.send_ahead(step),
+            _ => None,
+        };
+        self.begin_step(progress, core::iter::empty(), happened);
+    }
+
+    /// The order that this vehicle obeys.
+    fn obeyed(&self) -> Option<Order> {
+        self.orders.obeyed_by(self.own)
     }
 
     /// Makes this vehicle land and leave the swarm, independently of the others.
@@ -221,7 +251,12 @@ impl Mission {
             self.watch_quorum(self.agreement.has_quorum(&others), happened);
             self.followed = Some(self.inputs(view));
         }
-        let has_listened = Deadline::Listened.is_past(now.local.seconds_since(since));
+        // An agent whose simulator was away has received its peers all the time. On the ground it need not listen again; in
+        // the air it stays in place meanwhile.
+        let knows_peers = self.has_listened && !view.conditions.contains(Condition::AllPeersLost);
+        let is_back_on_ground = knows_peers && estimate.height_m < FLYING_ABOVE_M;
+        let has_listened = is_back_on_ground || Deadline::Listened.is_past(now.local.seconds_since(since));
+        self.has_listened |= has_listened;
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
             self.catch_up(&others, heartbeats.clone());
         }
@@ -287,9 +322,14 @@ impl Mission {
         self.activity
     }
 
-    /// The newest order known.
-    pub fn order(&self) -> Option<Order> {
-        self.order
+    /// All orders known.
+    pub fn orders(&self) -> &StandingOrders {
+        &self.orders
+    }
+
+    /// The last order that was new to this vehicle, whichever vehicle it is to.
+    pub fn newest_order(&self) -> Option<Order> {
+        self.newest_order
     }
 
     fn inputs(&self, view: &View) -> AgreementInputs {
@@ -309,13 +349,24 @@ impl Mission {
         heartbeats: impl Iterator<Item = PeerProgress> + Clone,
         happened: &mut Vec<EventKind>,
     ) -> Task {
-        let order = self.order.map(|order| order.verb);
+        let order = self.obeyed();
+        let (verb, is_alone) = (order.map(|order| order.verb), order.is_some_and(|order| order.vehicles.is_some()));
+        let named = self.orders.naming(self.own);
+        self.taken_by_stick = if view.pilot_takes_over { Some(named) } else { self.taken_by_stick };
+        self.taken_by_stick = self.taken_by_stick.filter(|at_taking| *at_taking == named);
+        if verb == Some(Verb::Release) || self.taken_by_stick.is_some() {
+            return self.release();
+        }
         let response = self.conditions(view).response();
         if matches!(response, Response::Land | Response::LandTurning | Response::Autorotate) {
             return self.descend(now, estimate, response);
         }
-        let is_complete = self.is_at_landing() && self.membership() != Membership::Joining;
-        match (self.membership(), order) {
+        // Above another partition the landing waits: the other one may be flying below, at the same places.
+        let is_clear_below = !view.flies_above || self.landing.is_some();
+        let is_complete = self.is_at_landing() && self.membership() != Membership::Joining && is_clear_below;
+        match (self.membership(), verb) {
+            (_, Some(Verb::Land | Verb::Abort)) if self.stay.is_some() => self.land(now, estimate),
+            (_, Some(Verb::Hold)) if is_alone && !self.leaving && !self.is_on_ground() => self.hold_alone(estimate),
             (Membership::Joining, _) if !self.leaving => self.join(estimate),
             (_, Some(Verb::Land | Verb::Abort)) => self.land(now, estimate),
             _ if self.leaving || is_complete || self.is_on_ground() => self.land(now, estimate),
@@ -470,6 +521,29 @@ impl Mission {
         let members = heartbeats.filter(|heartbeat| heartbeat.membership == Membership::Active);
         self.progress.advance(now, leg, in_place, along_m(members, at), self.live);
         self.progress.is_complete(leg)
+    }
+
+    /// Leaves the controls to a human pilot and the agreement to the others. The vehicle follows the others' steps, so that
+    /// it joins again where they are.
+    fn release(&mut self) -> Task {
+        self.leave_agreement();
+        (self.stay, self.landing, self.stuck_s) = (None, None, 0.0);
+        self.activity = Activity::Released;
+        Task::Release
+    }
+
+    /// Holds the position by an order that names this vehicle: the others do not wait for it.
+    fn hold_alone(&mut self, estimate: &Estimate) -> Task {
+        self.landing = None;
+        self.leave_agreement();
+        self.hold(estimate)
+    }
+
+    /// The others do not wait for this vehicle from now on. It listens again before it joins.
+    fn leave_agreement(&mut self) {
+        self.agreement.set_membership(Membership::Joining);
+        self.since = None;
+        self.progress.pause();
     }
 
     /// Holds the position; on the ground there is nothing to hold.

@@ -9,10 +9,11 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
+use serde::{Deserialize, Serialize};
 use skein_common::frame::{PositionNed, VelocityNed};
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::math;
-use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, Intent, State};
+use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, Intent, Order, State};
 use skein_common::scenario::{Network, SendMode};
 use skein_common::time::{LocalTime, SenderStamp};
 
@@ -30,7 +31,7 @@ const SOON_S: f64 = 0.5 * HEARTBEAT_PERIOD_S;
 /// The messages that one step sends.
 ///
 /// The messages are in boxes because most steps send none.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outbox {
     /// The own state, if the peers need a new one.
     pub state: Option<Box<State>>,
@@ -50,6 +51,8 @@ pub struct SendSchedule {
     need: Need,
     sent: Option<SentState>,
     mission: Option<(Heartbeat, LocalTime)>,
+    /// The newest order at the last heartbeat.
+    newest_order: Option<Order>,
     /// Number of frames that still have to repeat the last change of the agreement state.
     repeats: u32,
     state_messages: u64,
@@ -58,6 +61,15 @@ pub struct SendSchedule {
     heartbeat_bytes: u64,
     traces: u64,
     intents: u64,
+}
+
+/// What a heartbeat reports of the peers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PeersReport {
+    /// The echo of one peer's heartbeat.
+    pub echo: Option<Echo>,
+    /// The peers lost as active members.
+    pub lost: VehicleSet,
 }
 
 /// The conditions under which the peers need a new state.
@@ -104,6 +116,7 @@ impl SendSchedule {
             need,
             sent: None,
             mission: None,
+            newest_order: None,
             repeats: 0,
             state_messages: 0,
             state_bytes: 0,
@@ -115,20 +128,20 @@ impl SendSchedule {
     }
 
     /// The messages to send now. With a stale estimate no state is sent: the peers extrapolate the last one and know
-    /// its age. `echo` gives the echo for a heartbeat with this stamp.
+    /// its age. `peers` gives what a heartbeat with this stamp reports of the peers.
     pub fn outbox(
         &mut self,
         now: LocalTime,
         estimate: Option<&Estimate>,
         mission: &Mission,
         happened: Vec<EventKind>,
-        echo: impl FnOnce(SenderStamp) -> Option<Echo>,
+        peers: impl FnOnce(SenderStamp) -> PeersReport,
     ) -> Outbox {
         let is_heartbeat_due = self.is_heartbeat_due(now, mission);
         let state = estimate.filter(|estimate| self.is_state_due(now, estimate, is_heartbeat_due));
         let state = state.map(|estimate| Box::new(self.state(now, estimate)));
         let goes_along = state.is_some() && self.is_heartbeat_due_soon(now);
-        let mission = (is_heartbeat_due || goes_along).then(|| Box::new(self.mission(now, mission, echo)));
+        let mission = (is_heartbeat_due || goes_along).then(|| Box::new(self.mission(now, mission, peers)));
         Outbox { state, mission, intent: None, happened }
     }
 
@@ -184,8 +197,8 @@ impl SendSchedule {
     /// Whether a heartbeat is due. A change of the agreement state starts its repetitions.
     fn is_heartbeat_due(&mut self, now: LocalTime, mission: &Mission) -> bool {
         let Some((sent, at)) = &self.mission else { return true };
-        let before = (sent.membership, sent.step, sent.vouched, sent.reached, sent.order);
-        let new = (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.order());
+        let before = (sent.membership, sent.step, sent.vouched, sent.reached, self.newest_order);
+        let new = (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.newest_order());
         if before != new {
             self.repeats = CHANGE_REPEATS + 1;
         }
@@ -196,11 +209,19 @@ impl SendSchedule {
         &mut self,
         now: LocalTime,
         mission: &Mission,
-        echo: impl FnOnce(SenderStamp) -> Option<Echo>,
+        peers: impl FnOnce(SenderStamp) -> PeersReport,
     ) -> Heartbeat {
         self.repeats = self.repeats.saturating_sub(1);
+        self.newest_order = mission.newest_order();
+        let turn = self.heartbeats as usize;
+        let order = if self.repeats > 0 {
+            self.newest_order
+        } else {
+            mission.orders().iter().nth(turn % mission.orders().len().max(1))
+        };
         self.heartbeats += 1;
         let header = self.header(now, self.heartbeats);
+        let PeersReport { echo, lost } = peers(header.stamp);
         let heartbeat = Heartbeat {
             header,
             plan: mission.plan(),
@@ -209,8 +230,10 @@ impl SendSchedule {
             vouched: mission.vouched(),
             reached: mission.reached(),
             progress_m: mission.progress_m(),
-            order: mission.order(),
-            echo: echo(header.stamp),
+            order,
+            orders: mission.orders().len().min(u16::MAX.into()) as u16,
+            echo,
+            lost,
         };
         self.heartbeat_bytes += message::encoded_len(&heartbeat) as u64;
         self.mission = Some((heartbeat, now));
@@ -265,15 +288,17 @@ mod tests {
     #[test]
     fn state_and_heartbeat_of_a_settled_vehicle_go_together() {
         let scenario = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
-        let mission = Mission::new(&scenario, None);
-        let mut schedule = SendSchedule::new(VehicleId::new(1).unwrap(), Incarnation(1), &scenario.network);
+        let own = VehicleId::new(1).unwrap();
+        let mission = Mission::new(&scenario, own, None);
+        let mut schedule = SendSchedule::new(own, Incarnation(1), &scenario.network);
         let gust_m_s = scenario.network.state_error_m_s + 1.0;
         // A gust blows from the third to the sixteenth frame.
         let mut send = |frame: u32| {
             let now = LocalTime::from_seconds(0.02 * f64::from(frame));
             let north_m_s = if (3..16).contains(&frame) { gust_m_s } else { 0.0 };
             let north_m = gust_m_s * 0.02 * f64::from(frame.clamp(3, 16) - 3);
-            let outbox = schedule.outbox(now, Some(&estimate(north_m, north_m_s)), &mission, Vec::new(), |_| None);
+            let outbox = schedule
+                .outbox(now, Some(&estimate(north_m, north_m_s)), &mission, Vec::new(), |_| PeersReport::default());
             (outbox.state.is_some(), outbox.mission.is_some())
         };
         assert_eq!(send(0), (true, true));
@@ -299,7 +324,7 @@ mod tests {
             let scenario = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
             let network = Network { state_error_m, state_error_m_s, state_max_period_s: 5.0, ..scenario.network.clone() };
             let own = VehicleId::new(1).unwrap();
-            let mission = Mission::new(&scenario, None);
+            let mission = Mission::new(&scenario, own, None);
             let mut schedule = SendSchedule::new(own, Incarnation(1), &network);
             let origin = Origin::new(scenario.origin.geodetic());
             let mut flown = estimate(0.0, 0.0);
@@ -320,7 +345,7 @@ mod tests {
                     let frame_m = moved_m.norm() + known.1.0.norm() * dt_s;
                     prop_assert!(errors(known).0 <= state_error_m + frame_m + 1e-4, "before the next message");
                 }
-                let outbox = schedule.outbox(now, Some(&flown), &mission, Vec::new(), |_| None);
+                let outbox = schedule.outbox(now, Some(&flown), &mission, Vec::new(), |_| PeersReport::default());
                 if let Some(State { state, .. }) = outbox.state.as_deref() {
                     known = Some((origin.ned_from_geodetic(&state.position), state.velocity, now));
                 }

@@ -17,7 +17,8 @@
 //!     +------ a state --------+------ a message, token present -----+
 //! ```
 //!
-//! Any message keeps a peer in contact; only a state younger than T_stale keeps it in the formation. Where
+//! Any message keeps a peer in contact; only a state younger than T_stale keeps it in the formation. A peer that reports this
+//! vehicle as lost does not receive it, and plans without it: it is an obstacle that this vehicle alone avoids. Where
 //! `network.graph` withholds a peer's states, that peer is out of sight as long as its heartbeats arrive: it is not an
 //! obstacle, and both still agree on the mission. All durations are in [`crate::deadlines`].
 //!
@@ -98,8 +99,7 @@ pub struct PeerSummary<Estimates> {
     pub near: Estimates,
     /// All live members of the formation, this vehicle excluded.
     pub members: VehicleSet,
-    /// Whether a lost peer that may still be flying has a lower id than every peer in contact. Of two partitions
-    /// without contact, this one then flies above.
+    /// Whether the own partition flies above another one ([`Peers::flies_above`]).
     pub flies_above: bool,
 }
 
@@ -261,7 +261,6 @@ impl Peers {
         } else {
             seen
         };
-        let lowest_lost = self.all(Status::MAY_FLY).first();
         PeerSummary {
             // Without the filter the output would depend on when the list was made, in its last digits.
             near: self.estimates_of(near.both(seen)).filter(move |peer| {
@@ -269,13 +268,30 @@ impl Peers {
                 from_own_ne_m.norm_squared() <= reach_m * reach_m
             }),
             members: self.members(),
-            flies_above: lowest_lost.is_some_and(|lost| lost < self.lowest()),
+            flies_above: self.flies_above(),
         }
     }
 
     /// All live members of the formation, this vehicle excluded.
     pub fn members(&self) -> VehicleSet {
-        self.all(Status::MEMBER).either(self.all(Status::UNSEEN))
+        self.all(Status::MEMBER).either(self.all(Status::UNSEEN)).without(self.received_one_way())
+    }
+
+    /// The peers lost as active members less than a minute ago: they may still be flying the mission.
+    pub fn lost(&self) -> VehicleSet {
+        self.all(Status::MAY_FLY)
+    }
+
+    /// Whether the own partition flies above another one of which a vehicle may be flying. Contact is mutual: a partition is
+    /// this vehicle and the peers that receive it and that it receives, those that have landed included, because its other
+    /// vehicles still fly where they were. Partitions fly the mission each for itself, and the one with the lowest id keeps its
+    /// altitude.
+    pub fn flies_above(&self) -> bool {
+        let one_way = self.received_one_way();
+        let may_fly = self.lost().either(self.all(Status::ACTIVE).both(one_way));
+        let together = self.all(Status::AGREES).without(one_way);
+        let lowest = together.first().map_or(self.own, |lowest| lowest.min(self.own));
+        !may_fly.is_empty() && self.lost().either(one_way).first().is_some_and(|apart| apart < lowest)
     }
 
     /// The changes of the last update, by id.
@@ -365,7 +381,7 @@ impl Peers {
     /// The estimated current states of these peers, of which each has a state, by id.
     #[inline]
     fn estimates_of(&self, ids: VehicleSet) -> impl Iterator<Item = PeerEstimate> {
-        let members = self.all(Status::MEMBER);
+        let members = self.all(Status::MEMBER).without(self.received_one_way());
         ids.iter().filter_map(move |id| self.estimate(id, members.contains(id)))
     }
 
@@ -394,9 +410,10 @@ impl Peers {
         (silent_s, base.and_then(|base| base.at_arrival(motion.excess).after(silent_s)))
     }
 
-    /// The lowest id of an active member in contact, this vehicle included.
-    fn lowest(&self) -> VehicleId {
-        self.all(Status::ACTIVE).first().map_or(self.own, |lowest| lowest.min(self.own))
+    /// The peers in contact that report this vehicle as lost: it receives them, and they do not receive it.
+    fn received_one_way(&self) -> VehicleSet {
+        let has_lost_own = |id: &VehicleId| self.records.peer(*id).is_some_and(|peer| peer.lost().contains(self.own));
+        self.all(Status::REPORTS_LOST).iter().filter(has_lost_own).collect()
     }
 
     /// Makes the list of near peers.

@@ -6,12 +6,14 @@
 use core::time::Duration;
 
 use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
-use skein_common::message::Standstill;
+use skein_common::id::VehicleId;
+use skein_common::message::{SimulatorFault, Standstill};
 use skein_common::time::PlantTime;
 
 /// Positions of the pilot's controls. The same numbers drive the built-in helicopter and X-Plane's overrides.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Controls {
     /// Lateral cyclic, −1 to 1, positive rolls right.
     pub roll: f64,
@@ -24,6 +26,14 @@ pub struct Controls {
 }
 
 impl Controls {
+    /// These controls, each clamped to its travel.
+    #[must_use]
+    pub fn clamped(self) -> Self {
+        let axis = |value: f64| value.clamp(-1.0, 1.0);
+        let (roll, pitch, yaw) = (axis(self.roll), axis(self.pitch), axis(self.yaw));
+        Self { roll, pitch, yaw, collective: self.collective.clamp(0.0, 1.0) }
+    }
+
     /// Whether all controls are finite and within their travel.
     pub fn is_within_limits(&self) -> bool {
         let axis = |value: f64| (-1.0..=1.0).contains(&value);
@@ -32,9 +42,10 @@ impl Controls {
 }
 
 /// Velocities for a vehicle that has a velocity controller of its own.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct VelocityCommand {
     /// Velocity over the ground, north and east, m/s.
+    #[serde(with = "crate::encoding::vector")]
     pub velocity_ne_m_s: Vector2<f64>,
     /// Climb rate, m/s, positive up.
     pub climb_m_s: f64,
@@ -50,12 +61,14 @@ impl VelocityCommand {
 }
 
 /// What an agent commands its plant.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Command {
     /// Positions of a helicopter's controls.
     Controls(Controls),
     /// Velocities of a point mass.
     Velocity(VelocityCommand),
+    /// The controls belong to a human pilot until the next other command.
+    Release,
 }
 
 impl Command {
@@ -63,21 +76,21 @@ impl Command {
     pub fn controls(self) -> Option<Controls> {
         match self {
             Self::Controls(controls) => Some(controls),
-            Self::Velocity(_) => None,
+            Self::Velocity(_) | Self::Release => None,
         }
     }
 
     /// The velocities of a point mass; `None` if the command is for another vehicle.
     pub fn velocity(self) -> Option<VelocityCommand> {
         match self {
-            Self::Controls(_) => None,
+            Self::Controls(_) | Self::Release => None,
             Self::Velocity(velocity) => Some(velocity),
         }
     }
 }
 
 /// The vehicle's sensor readings at one instant.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measurement {
     /// Position of the centre of gravity.
     pub position: Geodetic,
@@ -129,6 +142,19 @@ pub enum Wake {
     Deadline,
 }
 
+/// Pose of a peer, for a simulator that draws it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PeerPose {
+    /// The peer's id.
+    pub id: VehicleId,
+    /// Position of its centre of gravity now.
+    pub position: Geodetic,
+    /// Its attitude. States carry the heading only, so that roll and pitch are zero.
+    pub attitude: Attitude,
+    /// Its distance from this vehicle, m: a simulator that can draw a few peers draws the nearest.
+    pub distance_m: f64,
+}
+
 /// A vehicle in real time. Only the control thread uses it.
 pub trait Plant: Send {
     /// Blocks until the simulator's next frame or until the timeout. Faults of the link (garbage, a simulator that has
@@ -153,8 +179,33 @@ pub trait Plant: Send {
     /// Number of datagrams that were dropped because their sender is not the simulator.
     fn foreign(&self) -> u64;
 
+    /// Present positions of the controls, as the pilot or the agent has set them; `None` if the plant does not report them. The agent begins with
+    /// them when it takes the controls back from a human pilot.
+    fn controls(&mut self) -> Option<Controls> {
+        None
+    }
+
+    /// Whether a human pilot has moved the stick so far that the scenario gives the pilot the controls.
+    fn pilot_takes_over(&mut self) -> bool {
+        false
+    }
+
     /// Why the simulator does not simulate the flight now, if it says so. A plant that cannot stand still never does.
     fn standstill(&mut self) -> Option<Standstill> {
         None
     }
+
+    /// Faults of the simulator's set-up, as found at its last start; most plants have none.
+    fn faults(&self) -> &[SimulatorFault] {
+        &[]
+    }
+
+    /// Whether the simulator draws peers.
+    fn shows_peers(&self) -> bool {
+        false
+    }
+
+    /// Draws these peers, the nearest ones if they are too many, and no other peers. Called after [`Self::command`], never
+    /// blocks.
+    fn show_peers(&mut self, _peers: &[PeerPose]) {}
 }

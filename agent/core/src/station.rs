@@ -12,8 +12,9 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
+use serde::{Deserialize, Serialize};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Standstill, Trace};
+use skein_common::message::{Header, SimulatorFault, Standstill, Summary, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -26,7 +27,7 @@ use crate::formation::{UnsupportedScenario, Workspace};
 use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition, StrangerImpairments};
 use crate::intent::ReceivedIntent;
 use crate::peers::{Broadcast, Received};
-use crate::plant::{GroundTruth, Measurement};
+use crate::plant::{Controls, GroundTruth, Measurement};
 use crate::sensors::Sensors;
 use crate::skew::Skew;
 use crate::strangers::{StrangerState, StrangersReceived};
@@ -82,6 +83,38 @@ pub struct InPlace<'a> {
     pub strangers: &'a [StrangerState],
     /// Reply of an external law to the last query.
     pub answer: Option<&'a LawReply>,
+}
+
+/// Everything that enters a station in one step of real time. Two new stations of the same vehicle that get the same inputs,
+/// step by step, give the same outputs, bit for bit.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StepInputs {
+    /// The correct time.
+    pub right: LocalTime,
+    /// Time for which the PC did not run this agent before this step, s, if it was late.
+    pub did_not_run_s: Option<f64>,
+    /// Messages from peers and operators that arrived since the last step, each with the correct time of its arrival.
+    pub received: Vec<Received>,
+    /// States of other teams that arrived since the last step.
+    pub strangers: Vec<StrangerState>,
+    /// Intents of other teams that arrived since the last step.
+    pub intents: Vec<ReceivedIntent>,
+    /// Why the simulator does not simulate the flight, if it does not.
+    pub standstill: Option<Standstill>,
+    /// The faults of the simulator's set-up.
+    pub simulator_faults: Vec<SimulatorFault>,
+    /// Present positions of the controls, if the plant reports them.
+    pub controls: Option<Controls>,
+    /// Whether a human pilot takes the controls by moving the stick.
+    pub pilot_takes_over: bool,
+    /// Time of the newest frame.
+    pub plant_time: PlantTime,
+    /// The exact measurement of a new frame; `None` if none arrived in time.
+    pub measurement: Option<Measurement>,
+    /// Whether this vehicle has to land and to leave the swarm.
+    pub leave: bool,
+    /// Reply of an external law to the last query.
+    pub answer: Option<LawReply>,
 }
 
 /// One vehicle's agent with its clocks, its sensors and the scenario's network impairments.
@@ -203,6 +236,23 @@ impl Station {
         outputs
     }
 
+    /// Receives and steps with these inputs. The lists of what arrived are empty afterwards.
+    pub fn step_with(&mut self, inputs: &mut StepInputs, workspace: &mut Workspace) -> Outputs {
+        let right = inputs.right;
+        if let Some(late_s) = inputs.did_not_run_s {
+            self.did_not_run(late_s);
+        }
+        self.receive(right, inputs.received.drain(..));
+        self.receive_strangers(right, inputs.strangers.drain(..));
+        self.receive_intents(right, inputs.intents.drain(..));
+        self.simulator_stands_still(inputs.standstill);
+        self.simulator_has(&inputs.simulator_faults);
+        self.controls_are(inputs.controls);
+        self.pilot_takes_over(inputs.pilot_takes_over);
+        let in_place = InPlace { answer: inputs.answer.as_ref(), ..InPlace::default() };
+        self.step(right, (inputs.plant_time, inputs.measurement.as_ref()), inputs.leave, in_place, workspace)
+    }
+
     /// The record of the last step. It lacks the figures known only in real time: the step's duration and the missed
     /// frames. `truth` is the plant's true state.
     pub fn trace(&mut self, right: LocalTime, plant_time: PlantTime, truth: &GroundTruth) -> Trace {
@@ -210,6 +260,13 @@ impl Station {
         let mut trace = self.agent.trace(now, truth);
         self.impairments.report_latency(&mut trace.peers);
         trace
+    }
+
+    /// What the vehicle believes after the last step, for displays; it lacks the figures known only in real time. `header` is
+    /// its header.
+    pub fn summary(&self, right: LocalTime, plant_time: PlantTime, header: Header) -> Summary {
+        let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
+        Summary { flown_s: self.clocks.flown_s(right), ..self.agent.summary(header, now) }
     }
 
     /// The agent.
@@ -236,6 +293,23 @@ impl Station {
     /// report.
     pub fn simulator_stands_still(&mut self, why: Option<Standstill>) {
         self.agent.simulator_stands_still(why);
+    }
+
+    /// Reports before the next step the faults of the simulator's set-up. They hold until the next report.
+    pub fn simulator_has(&mut self, faults: &[SimulatorFault]) {
+        self.agent.simulator_has(faults);
+    }
+
+    /// Reports before the next step the present positions of the controls, if the plant reports them. They hold until the
+    /// next report.
+    pub fn controls_are(&mut self, controls: Option<Controls>) {
+        self.agent.controls_are(controls);
+    }
+
+    /// Reports before the next step whether a human pilot takes the controls by moving the stick. It holds until the next
+    /// report.
+    pub fn pilot_takes_over(&mut self, takes_over: bool) {
+        self.agent.pilot_takes_over(takes_over);
     }
 
     /// Counts of all messages by their delivery; `None` if the scenario has no impairments.

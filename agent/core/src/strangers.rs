@@ -11,6 +11,7 @@
 
 use alloc::vec::Vec;
 
+use serde::{Deserialize, Serialize};
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::FleetVehicle;
 use skein_common::message::MessageOrder;
@@ -30,7 +31,7 @@ const LOOK_UP_S: f64 = 0.5;
 const SKIN_M: f64 = 2.0 * 20.0 * LOOK_UP_S;
 
 /// A state of a stranger as received.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StrangerState {
     /// The vehicle that sent it.
     pub id: FleetVehicle,

@@ -1,7 +1,7 @@
 //! What the tests of several modules build: ids, headers, heartbeats.
 
 use skein_common::frame::{Geodetic, Origin};
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Header, Heartbeat, State};
 use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
@@ -42,5 +42,17 @@ pub(crate) fn report(heartbeat: &Heartbeat) -> Report {
 /// The heartbeat of an active member of plan 1 that is at the first step, has not reached it and knows no order.
 pub(crate) fn heartbeat(header: Header) -> Heartbeat {
     let (membership, step) = (Membership::Active, 0);
-    Heartbeat { header, plan: 1, membership, step, vouched: 0, reached: None, progress_m: 0.0, order: None, echo: None }
+    Heartbeat {
+        header,
+        plan: 1,
+        membership,
+        step,
+        vouched: 0,
+        reached: None,
+        progress_m: 0.0,
+        order: None,
+        orders: 0,
+        echo: None,
+        lost: VehicleSet::default(),
+    }
 }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use skein_common::id::VehicleName;
 
 use crate::link::Security;
-use crate::link::security::{PeerIdentity, Tls, identities_by_vehicle};
+use crate::link::security::{PeerIdentity, Tls, by_vehicle};
 use crate::link::signature::VerificationKey;
 
 /// The `[security]` table. Without it links are plain and orders are accepted without a signature.
@@ -22,20 +22,20 @@ pub struct SecurityTable {
     pub key: PathBuf,
     /// Public key that verifies orders.
     pub orders: VerificationKey,
-    /// Common name in observers' certificates.
-    pub observer: String,
+    /// Common names in the certificates of observers.
+    pub observers: Vec<String>,
     /// Common name in the operator's certificate.
     pub operator: String,
     /// Certificate name and public key of each vehicle.
-    #[serde(deserialize_with = "identities_by_vehicle")]
+    #[serde(deserialize_with = "by_vehicle")]
     pub vehicles: BTreeMap<VehicleName, PeerIdentity>,
 }
 
 impl SecurityTable {
     /// Resolves the paths from `folder`, and splits off the key that verifies orders.
     pub fn of(self, folder: &Path) -> (Security, VerificationKey) {
-        let Self { authority, certificate, key, orders, observer, operator, vehicles } = self;
+        let Self { authority, certificate, key, orders, observers, operator, vehicles } = self;
         let [authority, certificate, key] = [authority, certificate, key].map(|file| folder.join(file));
-        (Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }), orders)
+        (Security::Tls(Tls { authority, certificate, key, vehicles, observers, operator }), orders)
     }
 }

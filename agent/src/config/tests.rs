@@ -19,7 +19,7 @@ fn folder(agent: &str) -> TempDir {
 fn by_config(folder: &TempDir) -> AgentOptions {
     let config = Some(folder.path().join("agent.toml"));
     let (scenario, id, xplane, sets) = (None, None, None, Vec::new());
-    AgentOptions { config, scenario, id, xplane, sets, child: false, flown_s: None, run: None }
+    AgentOptions { config, scenario, id, xplane, sets, child: false, flown_s: None, run: None, inputs: None }
 }
 
 fn by_scenario(folder: &TempDir, id: u8) -> AgentOptions {
@@ -55,7 +55,7 @@ authority = "authority.pem"
 certificate = "node.pem"
 key = "keys/node.key"
 orders = "000102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1eFF"
-observer = "observer"
+observers = ["observer", "observer-1"]
 operator = "operator.2"
 [security.vehicles]
 1 = { name = "vehicle-1", key = "0101010101010101010101010101010101010101010101010101010101010101" }
@@ -74,7 +74,7 @@ fn a_nodes_file_names_its_keys_and_all_vehicles() {
     let known: Vec<_> =
         tls.vehicles.iter().map(|(id, known)| (id.vehicle.get(), known.name.as_str(), known.key)).collect();
     assert_eq!(known, [(1, "vehicle-1", [1; 32].into()), (3, "vehicle-3.2", [2; 32].into())]);
-    assert_eq!((tls.observer.as_str(), tls.operator.as_str()), ("observer", "operator.2"));
+    assert_eq!((tls.observers.join(" ").as_str(), tls.operator.as_str()), ("observer observer-1", "operator.2"));
     let mut orders_key: [u8; 32] = std::array::from_fn(|nth| nth as u8);
     orders_key[31] = 255;
     assert_eq!((node.orders_key, node.run), (Some(orders_key.into()), 7));

@@ -2,7 +2,7 @@
 //!
 //! The control thread hands over the messages of a step and continues at once: it takes one lock, which is held only
 //! for a copy. The publisher's thread signs, encodes and sends. While Zenoh blocks that thread for a slow peer, a
-//! waiting state or heartbeat is replaced by the next one, so that the newest is sent. Events and traces wait in
+//! waiting state, heartbeat or summary is replaced by the next one, so that the newest is sent. Events and traces wait in
 //! queues; when a queue is full, its oldest message is dropped and counted.
 //!
 //! Traces wait until [`TRACES_AT_ONCE`] of them or another message is to be sent. The cost of sending and receiving is
@@ -15,7 +15,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use skein_common::message::{Event, Heartbeat, Intent, State, Trace};
+use skein_common::message::{Event, Heartbeat, Intent, State, Summary, Trace};
 use skein_common::topic::Cell;
 
 /// Longest queue of events; a vehicle has a handful in a minute.
@@ -38,6 +38,8 @@ pub struct Messages {
     pub events: Vec<Event>,
     /// Trace of the step.
     pub trace: Option<Trace>,
+    /// Summary after the step.
+    pub summary: Option<Summary>,
     /// The intent of the own team, and the cells whose keys it is published under.
     pub intent: Option<(Intent, Vec<Cell>)>,
     /// The cells to subscribe to from now on, if they have changed.
@@ -51,6 +53,7 @@ pub(super) struct Waiting {
     pub(super) mission: Option<Heartbeat>,
     pub(super) events: VecDeque<Event>,
     pub(super) traces: VecDeque<Trace>,
+    pub(super) summary: Option<Summary>,
     pub(super) intent: Option<(Intent, Vec<Cell>)>,
     pub(super) cells: Option<Vec<Cell>>,
 }
@@ -165,6 +168,7 @@ impl Held {
         let Self { waiting, dropped, .. } = self;
         waiting.state = messages.state.or(waiting.state.take());
         waiting.mission = messages.mission.or(waiting.mission.take());
+        waiting.summary = messages.summary.or(waiting.summary.take());
         waiting.intent = messages.intent.or(waiting.intent.take());
         waiting.cells = messages.cells.or(waiting.cells.take());
         for event in messages.events {
@@ -191,6 +195,7 @@ impl Waiting {
             || self.mission.is_some()
             || self.cells.is_some()
             || self.intent.is_some()
+            || self.summary.is_some()
             || !self.events.is_empty()
     }
 }
@@ -209,7 +214,7 @@ fn push<M>(queue: &mut VecDeque<M>, message: M, most: usize) -> u64 {
 mod tests {
     use std::time::Instant;
 
-    use skein_common::id::{Incarnation, VehicleId};
+    use skein_common::id::{Incarnation, VehicleId, VehicleSet};
     use skein_common::message::{EventKind, Header};
     use skein_common::time::SenderStamp;
 
@@ -231,7 +236,9 @@ mod tests {
             reached: None,
             progress_m: 0.0,
             order: None,
+            orders: 0,
             echo: None,
+            lost: VehicleSet::default(),
         }
     }
 

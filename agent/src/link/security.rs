@@ -37,8 +37,8 @@ pub struct Tls {
     pub key: PathBuf,
     /// Vehicles of the swarm, or of the whole fleet.
     pub vehicles: BTreeMap<VehicleName, PeerIdentity>,
-    /// Common name in observers' certificates.
-    pub observer: String,
+    /// Common names in the certificates of observers: the operator's, and one of each node.
+    pub observers: Vec<String>,
     /// Common name in the operator's certificate.
     pub operator: String,
 }
@@ -53,15 +53,20 @@ pub struct PeerIdentity {
     pub key: VerificationKey,
 }
 
-/// Deserializes a table of vehicle identities whose keys are the vehicles' names.
+/// Deserializes a table whose keys are the vehicles' names.
 ///
 /// # Errors
 /// If a key of the table does not name a vehicle.
-pub fn identities_by_vehicle<'de, D: Deserializer<'de>>(
-    of: D,
-) -> Result<BTreeMap<VehicleName, PeerIdentity>, D::Error> {
-    let vehicles = BTreeMap::<String, PeerIdentity>::deserialize(of)?.into_iter();
+pub fn by_vehicle<'de, T: Deserialize<'de>, D: Deserializer<'de>>(of: D) -> Result<BTreeMap<VehicleName, T>, D::Error> {
+    let vehicles = BTreeMap::<String, T>::deserialize(of)?.into_iter();
     vehicles.map(|(name, known)| name.parse().map(|name| (name, known)).map_err(D::Error::custom)).collect()
+}
+
+impl Tls {
+    /// The common names in the certificates of observers and of the operator.
+    pub(super) fn guests(&self) -> impl Iterator<Item = &String> {
+        self.observers.iter().chain([&self.operator])
+    }
 }
 
 impl Security {
@@ -75,8 +80,7 @@ impl Security {
             }
         }
         let Self::Tls(tls) = self else { return Ok(()) };
-        let guests = [&tls.observer, &tls.operator];
-        let names = || tls.vehicles.values().map(|known| &known.name).chain(guests);
+        let names = || tls.vehicles.values().map(|known| &known.name).chain(tls.guests());
         match names().find(|name| name.trim().is_empty() || names().filter(|other| other == name).count() > 1) {
             Some(name) => Err(LinkError::Name(name.clone())),
             None => Ok(()),

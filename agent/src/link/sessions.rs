@@ -6,6 +6,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
+use serde_json::json;
 use skein_common::id::SwarmName;
 use zenoh::{Session, Wait};
 
@@ -18,6 +19,10 @@ fn is_loopback(endpoint: &str) -> bool {
     let address = endpoint.split_once('/').map_or(endpoint, |(_, address)| address);
     address.parse::<SocketAddr>().is_ok_and(|address| address.ip().is_loopback())
 }
+
+/// Time in which a host that has a link must also open its Zenoh session: idle links hold no place of those that may be
+/// opening.
+const ACCEPT_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Time for the sessions to close; afterwards they close in the background.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
@@ -60,7 +65,9 @@ impl Sessions {
             }
             Security::Plain => None,
         };
-        Self::open_through(Tunnel::open(listen, dial, tls)?, |listen, dial| open_zenoh(swarm, listen, dial, &[]))
+        Self::open_through(Tunnel::open(listen, dial, tls)?, |listen, dial| {
+            open_zenoh(swarm, listen, dial, &[("transport/unicast/accept_timeout", json!(ACCEPT_TIMEOUT.as_millis()))])
+        })
     }
 
     /// Opens the sessions with `open` and sends their messages through this tunnel.

@@ -7,7 +7,7 @@ use std::process;
 use std::time::{Duration, Instant};
 
 use skein_common::frame::{Geodetic, Origin, VelocityNed};
-use skein_common::id::Incarnation;
+use skein_common::id::{Incarnation, VehicleSet};
 use skein_common::message::{Header, Order, VERSION, Verb, encode};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
@@ -76,7 +76,9 @@ fn mission(sender: u8, sequence: u64) -> Heartbeat {
         reached: None,
         progress_m: 0.0,
         order: None,
+        orders: 0,
         echo: None,
+        lost: VehicleSet::default(),
     }
 }
 
@@ -236,7 +238,7 @@ fn an_operators_order_is_received() {
     let (swarm, hub, dial) = hub("order");
     let link = link(hub, 1, trust(&swarm));
     let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: None };
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, vehicles: None, signature: None };
     let key = Topic::Order(order.issuer).key();
     until(
         &link,
@@ -246,16 +248,17 @@ fn an_operators_order_is_received() {
 }
 
 #[test]
-fn the_trace_is_wanted_only_while_it_has_a_subscriber() {
+fn trace_and_summary_are_wanted_only_while_they_have_a_subscriber() {
     let (swarm, hub, dial) = hub("trace");
     let link = link(hub, 1, trust(&swarm));
     let observer = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
-    assert!(!link.trace_is_wanted());
-    for _ in 0..2 {
-        let subscriber = observer.declare_subscriber(all::TRACES).wait().unwrap();
-        wait_until(|| link.trace_is_wanted());
+    let wanted = || (link.trace_is_wanted(), link.summary_is_wanted());
+    assert_eq!(wanted(), (false, false));
+    for (key, one) in [(all::TRACES, (true, false)), (all::SUMMARIES, (false, true)), (all::TRACES, (true, false))] {
+        let subscriber = observer.declare_subscriber(key).wait().unwrap();
+        wait_until(|| wanted() == one);
         subscriber.undeclare().wait().unwrap();
-        wait_until(|| !link.trace_is_wanted());
+        wait_until(|| wanted() == (false, false));
     }
 }
 
@@ -287,7 +290,7 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
     ] {
         store(message);
     }
-    let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, signature: None };
+    let order = |epoch| Order { epoch, issuer: 1, verb: Verb::Hold, vehicles: None, signature: None };
     for epoch in [2, 3, 1] {
         store(PeerMessage::Order(order(epoch)));
     }
@@ -325,7 +328,13 @@ fn every_vehicle_fits_into_the_inbox_without_growing() {
         inbox.store(
             "a",
             Received {
-                message: PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Hold, signature: None }),
+                message: PeerMessage::Order(Order {
+                    epoch: 1,
+                    issuer: 1,
+                    verb: Verb::Hold,
+                    vehicles: None,
+                    signature: None,
+                }),
                 at,
             },
         );

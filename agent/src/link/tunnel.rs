@@ -16,20 +16,19 @@
 //! before Zenoh sees the connection: a replaced certificate name makes no link, and a vehicle is up while it has a link
 //! ([`super::presence`]).
 
+mod budget;
 mod local;
 mod tls;
 
-use std::collections::BTreeMap;
+use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::net::{IpAddr, TcpListener as StdListener};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
-use skein_common::id::VehicleName;
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, copy, split};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Runtime};
-use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsStream;
 use zenoh::Session;
@@ -38,15 +37,27 @@ use super::LinkError;
 use super::presence::Presence;
 use super::security::Tls;
 use crate::unix;
+use budget::{HandshakeRate, Quota, QuotaUse};
 use local::{Locals, ZenohListener};
+use skein_host::clock::now;
 pub(super) use tls::{Peer, TlsContext};
 
 /// Longest time to reach another host and to complete the TLS handshake. Zenoh dials again afterwards.
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(900);
-/// Largest number of handshakes at once, in total and from one address, so that a stranger that never completes its
-/// handshake does not keep the others waiting. Several agents may share a host; a refused one dials again.
-const MAX_PENDING: usize = 64;
-const MAX_PENDING_PER_ADDRESS: usize = 16;
+/// Largest number of pending handshakes, in total and of one network. A stranger that never completes its handshake holds
+/// one of them for [`CONNECT_TIMEOUT`].
+const MAX_PENDING: usize = 256;
+const MAX_PENDING_PER_NETWORK: usize = 16;
+/// Largest number of links with certificates, in total, of one network, and of one certificate. Agents on one host may
+/// share a network. A vehicle has one link with another, and for a moment its old one beside it; all observers of a swarm
+/// may have the same certificate.
+const MAX_LINKS: usize = 512;
+const MAX_LINKS_PER_NETWORK: usize = 128;
+const MAX_LINKS_PER_VEHICLE: usize = 4;
+const MAX_LINKS_PER_GUEST: usize = 32;
+/// Longest random pause before a host that could not be reached is dialled again, so that the agents that a switch has cut
+/// off do not all dial in the same instant.
+const MAX_DIAL_JITTER: Duration = Duration::from_millis(200);
 /// A link is cut when the other end has acknowledged nothing for this long. An agent sends at least five times a
 /// second.
 const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_secs(1);
@@ -68,6 +79,7 @@ struct Shared {
     /// Certificates and keys; `None` on plain links.
     tls_context: Option<TlsContext>,
     presence: Arc<Presence>,
+    links: LinkBudget,
 }
 
 impl Tunnel {
@@ -90,7 +102,12 @@ impl Tunnel {
         let locals = runtime.block_on(async { Locals::open(dial) }).map_err(taken)?;
         // Only a certificate identifies the vehicle at the other end.
         let presence = if tls_context.is_some() { Presence::by_links() } else { Presence::by_tokens() };
-        Ok(Self { shared: Arc::new(Shared { tls_context, presence }), listeners, locals, runtime: Some(runtime) })
+        Ok(Self {
+            shared: Arc::new(Shared { tls_context, presence, links: LinkBudget::new() }),
+            listeners,
+            locals,
+            runtime: Some(runtime),
+        })
     }
 
     /// Local endpoint for Zenoh to listen on, if other hosts dial this one.
@@ -150,21 +167,24 @@ impl Drop for Tunnel {
     }
 }
 
-/// Accepts connections that show a known certificate.
+/// Accepts connections that show a known certificate, as far as the budgets allow.
 async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Shared>) {
-    let permits = Arc::new(Semaphore::new(MAX_PENDING));
-    let pending = Arc::new(PendingHandshakes::default());
+    let pending = Quota::new();
+    let mut rate = HandshakeRate::new(now());
     loop {
         let Ok((socket, from)) = listener.accept().await else {
             sleep(PAUSE).await;
             continue;
         };
-        let Some(handshake) = PendingHandshake::new(&pending, from.ip()) else {
-            tracing::debug!("no link from {from}: {MAX_PENDING_PER_ADDRESS} handshakes from that address are pending");
+        let network = budget::network(from.ip());
+        if !rate.allows(network, now()) {
+            tracing::debug!("no link from {from}: too many handshakes a second");
+            continue;
+        }
+        let Some(handshake) = pending.take(network, MAX_PENDING_PER_NETWORK, MAX_PENDING) else {
+            tracing::debug!("no link from {from}: too many handshakes are pending");
             continue;
         };
-        // The semaphore is never closed.
-        let Ok(permit) = permits.clone().acquire_owned().await else { return };
         let (zenoh, shared) = (zenoh.clone(), shared.clone());
         tokio::spawn(async move {
             let accepted = async {
@@ -175,9 +195,9 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
                 })
             };
             let accepted = timeout(CONNECT_TIMEOUT, accepted).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
-            drop((permit, handshake));
-            match accepted {
-                Ok(connection) => {
+            drop(handshake);
+            match accepted.and_then(|connection| Ok((shared.links.admit(&connection, network)?, connection))) {
+                Ok((_within_budget, connection)) => {
                     if let Ok(here) = zenoh.connect().await {
                         connection.carry(here, &from.ip().to_string(), &shared.presence).await;
                     }
@@ -192,39 +212,36 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
     }
 }
 
-/// Number of pending handshakes by address.
-type PendingHandshakes = Mutex<BTreeMap<IpAddr, usize>>;
-
-/// One pending handshake.
-struct PendingHandshake {
-    pending: Arc<PendingHandshakes>,
-    from: IpAddr,
+/// The links that other hosts have made with this one, counted by network and by certificate.
+struct LinkBudget {
+    of_network: Arc<Quota<IpAddr>>,
+    of_certificate: Arc<Quota<String>>,
 }
 
-impl PendingHandshake {
-    /// Returns `None` if too many handshakes from this address are pending.
-    fn new(pending: &Arc<PendingHandshakes>, from: IpAddr) -> Option<Self> {
-        let mut counts = lock(pending);
-        let count = counts.entry(from).or_default();
-        if *count >= MAX_PENDING_PER_ADDRESS {
-            return None;
-        }
-        *count += 1;
-        Some(Self { pending: pending.clone(), from })
+impl LinkBudget {
+    fn new() -> Self {
+        Self { of_network: Quota::new(), of_certificate: Quota::new() }
     }
-}
 
-impl Drop for PendingHandshake {
-    fn drop(&mut self) {
-        let mut counts = lock(&self.pending);
-        counts.entry(self.from).and_modify(|count| *count -= 1);
-        counts.retain(|_, count| *count > 0);
+    /// Counts one more link until the returned value is dropped.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::InvalidData`] if the network or the certificate has as many links as one may have.
+    fn admit(
+        &self,
+        connection: &Connection,
+        network: IpAddr,
+    ) -> io::Result<(QuotaUse<IpAddr>, Option<QuotaUse<String>>)> {
+        let full = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
+        let of_network = self.of_network.take(network, MAX_LINKS_PER_NETWORK, MAX_LINKS);
+        let of_network = of_network.ok_or_else(|| full(format!("{network} has too many links already")))?;
+        let Connection::Tls(_, peer) = connection else { return Ok((of_network, None)) };
+        let most = if peer.vehicle.is_some() { MAX_LINKS_PER_VEHICLE } else { MAX_LINKS_PER_GUEST };
+        let of_certificate = self.of_certificate.take(peer.name.clone(), most, MAX_LINKS);
+        let of_certificate = of_certificate
+            .ok_or_else(|| full(format!("{most} links under the certificate {:?} exist already", peer.name)))?;
+        Ok((of_network, Some(of_certificate)))
     }
-}
-
-/// Locks the counts. No holder can panic, so poisoning is ignored.
-fn lock(pending: &PendingHandshakes) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
-    pending.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Connects to another host for Zenoh, which dials again if that fails.
@@ -239,13 +256,21 @@ async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
         })
     };
     match timeout(CONNECT_TIMEOUT, reach).await {
-        Ok(Ok(connection)) => connection.carry(here, address, &shared.presence).await,
+        Ok(Ok(connection)) => return connection.carry(here, address, &shared.presence).await,
         Ok(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
             shared.presence.refuse(address, &error.to_string());
         }
         Ok(Err(error)) => tracing::debug!("cannot reach {address}: {error}"),
         Err(_) => tracing::debug!("cannot reach {address}: no reply"),
     }
+    // Zenoh dials again when `here` closes.
+    sleep(MAX_DIAL_JITTER.mul_f64(random_share())).await;
+    drop(here);
+}
+
+/// A random number from 0 to 1, different in every process.
+fn random_share() -> f64 {
+    f64::from(RandomState::new().hash_one(()) as u32) / f64::from(u32::MAX)
 }
 
 /// Sets the options of a socket to another host.
@@ -274,7 +299,8 @@ impl Connection {
     }
 }
 
-/// Copies bytes in both directions until one end closes or the other host's certificate expires.
+/// Copies bytes in both directions until one end closes. A link outlives the certificates that it was made with, because a
+/// flight must not be cut in the air; the next link needs valid ones.
 async fn carry(
     there: impl AsyncRead + AsyncWrite + Unpin,
     here: impl AsyncRead + AsyncWrite + Unpin,
@@ -294,7 +320,6 @@ async fn carry(
             _ => {}
         },
         _ = copy(&mut from_here, &mut to_there) => {}
-        () = sleep(peer.valid_for) => tracing::warn!("the link with {} was closed: its certificate has expired", peer.name),
     }
     let _ = timeout(SHUTDOWN_TIMEOUT, to_there.shutdown()).await;
 }
@@ -311,32 +336,8 @@ fn host(address: &str) -> &str {
 
 /// The other end of a link.
 impl Peer {
-    /// A host with this certificate name, whose certificate is valid for `valid_for`.
-    fn new(name: String, vehicle: Option<VehicleName>, valid_for: Duration) -> Self {
-        Self { name, vehicle, valid_for }
-    }
-
     /// The other end of a plain link.
     fn unknown() -> Self {
-        Self::new("a plain link".to_owned(), None, Duration::MAX)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_address_cannot_take_all_pending_handshakes() {
-        let pending = Arc::new(PendingHandshakes::default());
-        let [stranger, other] = ["10.0.0.9", "10.0.0.11"].map(|ip| ip.parse::<IpAddr>().unwrap());
-        let mut strangers: Vec<_> =
-            (0..MAX_PENDING).filter_map(|_| PendingHandshake::new(&pending, stranger)).collect();
-        assert_eq!(strangers.len(), MAX_PENDING_PER_ADDRESS);
-        assert!(PendingHandshake::new(&pending, other).is_some());
-        strangers.pop();
-        assert!(PendingHandshake::new(&pending, stranger).is_some(), "one of its handshakes has ended");
-        strangers.clear();
-        assert!(lock(&pending).is_empty(), "an address without pending handshakes is forgotten");
+        Self { name: "a plain link".to_owned(), vehicle: None }
     }
 }

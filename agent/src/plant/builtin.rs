@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use skein_core::builtin::BuiltInPlant;
 use skein_core::helicopter::failures::ActiveFaults;
 use skein_core::helicopter::{Script, TICK_S};
-use skein_core::plant::{Command, Plant, Wake};
+use skein_core::pilot::SimulatedPilot;
+use skein_core::plant::{Command, Controls, Plant, Wake};
 use skein_host::clock::{now, sleep_until};
 
 /// A vehicle that advances one tick of 20 ms at each deadline of a fixed grid.
@@ -18,10 +19,14 @@ use skein_host::clock::{now, sleep_until};
 /// simulator and with it simulated time. If an earlier agent has flown the vehicle, the script continues from there.
 pub struct BuiltIn {
     vehicle: BuiltInPlant,
+    /// Flies the vehicle while the agent has released it.
+    pilot: SimulatedPilot,
     script: Script,
     /// When the script started, and how much of it was over by then, s.
     script_since: Option<(Instant, f64)>,
     command: Option<Command>,
+    /// What moved the vehicle in the last tick: the agent's command or the pilot's.
+    moved_by: Option<Command>,
     tick_at: Option<Instant>,
     skipped: u64,
 }
@@ -31,9 +36,9 @@ const TICK: Duration = Duration::from_nanos((TICK_S * 1e9) as u64);
 impl BuiltIn {
     /// Simulated time starts with the first [`Plant::wait`]. The script starts now if an earlier agent has flown for
     /// `flown_s`.
-    pub fn new(vehicle: BuiltInPlant, script: Script, flown_s: Option<f64>) -> Self {
+    pub fn new(vehicle: BuiltInPlant, pilot: SimulatedPilot, script: Script, flown_s: Option<f64>) -> Self {
         let script_since = flown_s.map(|flown_s| (now(), flown_s));
-        Self { vehicle, script, script_since, command: None, tick_at: None, skipped: 0 }
+        Self { vehicle, pilot, script, script_since, command: None, moved_by: None, tick_at: None, skipped: 0 }
     }
 
     /// Current state of the script. No failure occurs before the first command.
@@ -59,7 +64,8 @@ impl Plant for BuiltIn {
             return Wake::Deadline;
         }
         self.vehicle.fail(failures);
-        self.vehicle.advance(self.command);
+        self.moved_by = self.pilot.fly(self.command, || self.vehicle.frame());
+        self.vehicle.advance(self.moved_by);
         let (next, skipped) = next_tick(tick_at, now());
         self.tick_at = Some(next);
         self.skipped += skipped;
@@ -87,6 +93,10 @@ impl Plant for BuiltIn {
         0
     }
 
+    fn controls(&mut self) -> Option<Controls> {
+        self.moved_by.and_then(Command::controls)
+    }
+
     fn foreign(&self) -> u64 {
         0
     }
@@ -104,20 +114,23 @@ fn next_tick(tick_at: Instant, now: Instant) -> (Instant, u64) {
 mod tests {
     use skein_common::frame::{Geodetic, Origin};
     use skein_common::id::VehicleId;
-    use skein_common::scenario::{EventAction, Fault, ScriptedEvent};
+    use skein_common::scenario::{EventAction, Fault, ScriptedEvent, Source, load};
 
     use super::*;
     use skein_core::aircraft::Aircraft;
+    use skein_core::control::Rules;
     use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
-    use skein_core::plant::Controls;
 
     fn plant(script: Script) -> BuiltIn {
-        let parameters = Aircraft::shipped("xcell60").unwrap().unwrap().helicopter.unwrap();
+        let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
+        let scenario = load(&Source { name: "x", text: "swarm.vehicles = 1" }, &[]).unwrap().scenario;
+        let pilot = SimulatedPilot::new(&scenario, &aircraft, &Rules::shipped());
+        let parameters = aircraft.helicopter.unwrap();
         let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
         let id = VehicleId::new(1).unwrap();
         let (start, weather) = (Start::default(), Weather::default());
         let vehicle = BuiltInVehicle::new(&origin, &parameters, &start, &weather, 1, id);
-        BuiltIn::new(BuiltInPlant::Helicopter(Box::new(vehicle)), script, None)
+        BuiltIn::new(BuiltInPlant::Helicopter(Box::new(vehicle)), pilot, script, None)
     }
 
     #[test]
@@ -159,8 +172,8 @@ mod tests {
         let fault = |at_s, for_s, fault| ScriptedEvent { at_s, for_s, what: EventAction::Fault(fault) };
         let over = fault(10.0, Some(80.0), Fault::EngineOut { vehicle });
         let lasting = fault(20.0, None, Fault::GyroOff { vehicle });
-        let BuiltIn { vehicle, script, .. } = plant(Script::of(&[over, lasting], vehicle));
-        let mut plant = BuiltIn::new(vehicle, script, Some(95.0));
+        let BuiltIn { vehicle, pilot, script, .. } = plant(Script::of(&[over, lasting], vehicle));
+        let mut plant = BuiltIn::new(vehicle, pilot, script, Some(95.0));
         assert!(matches!(plant.wait(2 * TICK), Wake::Frame(_)));
         let failures = plant.vehicle.failures();
         assert!(failures.gyro_off && !failures.engine_out, "{failures:?}");

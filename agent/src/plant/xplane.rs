@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`wire`] | encodes and decodes every datagram |
 //! | [`discovery`] | finds the X-Planes of a network |
+//! | [`placing`] | puts an aircraft to its vehicle's start |
 //! | [`client`] | the agent's side without socket and clock: subscriptions, frames, controls |
 //! | [`link`] | X-Plane as a [`Plant`](skein_core::plant::Plant) |
 //! | [`server`] | the simulator's side without sockets: subscriptions, datarefs, overrides |
@@ -19,6 +20,7 @@ mod socket;
 pub mod client;
 pub mod discovery;
 pub mod link;
+pub mod placing;
 pub mod server;
 pub mod standin;
 pub mod wire;

@@ -5,26 +5,25 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused, Trace, Traffic};
+use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused, Summary, Trace, Traffic};
 use skein_common::state::Activity;
-use skein_common::time::{LocalTime, PlantTime};
+use skein_common::time::LocalTime;
 use skein_common::topic::Cell;
 use tokio::sync::mpsc;
 
 use super::Stop;
 use super::silence::SilenceMonitor;
-use super::timing::{Summary, Timing};
+use super::timing::{Timing, TimingSummary};
 use crate::external::LiveLaw;
+use crate::inputs::Recorder;
 use crate::link::{Link, Messages};
+use crate::unix;
 use skein_core::agent::Outputs;
 use skein_core::formation::Workspace;
-use skein_core::intent::ReceivedIntent;
 use skein_core::neighbourhood::Neighbourhood;
 use skein_core::outbox::Outbox;
-use skein_core::peers::Received;
-use skein_core::plant::{Frame, Plant, Wake};
-use skein_core::station::{InPlace, Station};
-use skein_core::strangers::StrangerState;
+use skein_core::plant::{Frame, PeerPose, Plant, Wake};
+use skein_core::station::{Station, StepInputs};
 use skein_host::clock::{LocalClock, now, sleep_until};
 
 /// Longest wait for the plant's frame, in frame periods. The agent then steps without a frame.
@@ -33,6 +32,9 @@ const TIMEOUT_PERIODS: f64 = 1.5;
 /// Time without a frame after which a simulator counts as ended. A simulator on an overloaded PC pauses for seconds,
 /// and its vehicle still has to be landed afterwards.
 const SIMULATOR_GONE_AFTER: Duration = Duration::from_secs(10);
+
+/// Time between two summaries, s.
+const SUMMARY_PERIOD_S: f64 = 0.1;
 
 /// Everything that the control thread owns.
 pub(super) struct Control {
@@ -56,19 +58,25 @@ pub(super) struct Control {
     pub(super) stop: Arc<Stop>,
     /// Health messages go to a thread that may block.
     pub(super) health: mpsc::Sender<Health>,
+    /// Keeps what enters and leaves the station, if there is a folder for it.
+    pub(super) recorder: Option<Recorder>,
 }
 
 /// State kept from one pass of the control loop to the next.
 struct LoopState {
     timing: Timing,
     silence: SilenceMonitor,
-    plant_time: PlantTime,
-    arrived: Vec<Received>,
-    strangers: Vec<StrangerState>,
-    intents: Vec<ReceivedIntent>,
+    /// The inputs of this step, with room that is used again.
+    inputs: StepInputs,
+    poses: Vec<PeerPose>,
     workspace: Workspace,
     events: u64,
     healths: u64,
+    summaries: u64,
+    /// When the next summary is due.
+    next_summary: LocalTime,
+    /// Timing of the last full second.
+    last_second: TimingSummary,
 }
 
 impl Control {
@@ -79,13 +87,14 @@ impl Control {
         let mut kept = LoopState {
             timing: Timing::new(period, now()),
             silence: SilenceMonitor::new(),
-            plant_time: PlantTime::ZERO,
-            arrived: Vec::new(),
-            strangers: Vec::new(),
-            intents: Vec::new(),
+            inputs: StepInputs::default(),
+            poses: Vec::new(),
             workspace: Workspace::default(),
             events: 0,
             healths: 0,
+            summaries: 0,
+            next_summary: LocalTime::ZERO,
+            last_second: TimingSummary::default(),
         };
         let mut deadline = now() + timeout;
         loop {
@@ -114,23 +123,25 @@ impl Control {
             Wake::Frame(frame) => Some(frame),
             Wake::Deadline => None,
         };
-        kept.plant_time = frame.map_or(kept.plant_time, |frame| frame.time);
         let true_time = self.clock.at(woken);
-        self.receive(true_time, kept);
-        let answer = self.law.as_ref().and_then(LiveLaw::answer);
-        let plant = (kept.plant_time, frame.map(|frame| &frame.measurement));
-        let (leave, in_place) = (self.stop.is_requested(), InPlace { answer: answer.as_ref(), ..InPlace::default() });
-        self.station.simulator_stands_still(self.plant.standstill());
-        let Outputs { command, outbox, ask } =
-            self.station.step(true_time, plant, leave, in_place, &mut kept.workspace);
-        if let Some(command) = command {
+        self.take_inputs(true_time, frame, kept);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.inputs(&kept.inputs);
+        }
+        let outputs = self.station.step_with(&mut kept.inputs, &mut kept.workspace);
+        if let Some(command) = outputs.command {
             self.plant.command(command);
         }
         let done = now();
+        if let Some(recorder) = &mut self.recorder {
+            recorder.outputs(true_time, &outputs);
+        }
+        let Outputs { outbox, ask, .. } = outputs;
 
         if let Some((law, ask)) = self.law.as_ref().zip(ask) {
             law.ask(*ask);
         }
+        self.show_peers(&mut kept.poses);
 
         let trace = frame.and_then(|frame| self.trace(true_time, frame, kept));
         if frame.is_some() {
@@ -138,31 +149,58 @@ impl Control {
             kept.timing.step(woken, done);
         }
         let local_time = self.station.clocks().local_time(true_time);
-        self.send(local_time, outbox, trace, kept);
-        if let Some(summary) = kept.timing.summary(done) {
+        let summary = self.summary(true_time, frame, kept);
+        self.send(local_time, outbox, (trace, summary), kept);
+        if let Some(timing) = kept.timing.summary(done) {
+            kept.last_second = timing;
             kept.healths += 1;
-            let health = self.health(local_time, true_time.seconds(), summary, kept);
+            let health = self.health(local_time, true_time.seconds(), kept);
             // If the publishing thread still has the previous one, this one is dropped.
             let _ = self.health.try_send(health);
+            // The service manager watches this thread alone: an agent whose messages do not leave flies on.
+            unix::notify_service_manager("WATCHDOG=1");
         }
     }
 
-    /// Passes the messages that the link received to the station.
-    fn receive(&mut self, true_time: LocalTime, kept: &mut LoopState) {
-        self.link.drain(&mut kept.arrived);
-        if let Some(late_s) = kept.silence.watch(true_time, &mut kept.arrived) {
-            self.station.did_not_run(late_s);
-        }
-        self.station.receive(true_time, kept.arrived.drain(..));
+    /// Collects what enters the station in this step: the frame, and what the link and the law received.
+    fn take_inputs(&mut self, true_time: LocalTime, frame: Option<&Frame>, kept: &mut LoopState) {
+        let inputs = &mut kept.inputs;
+        inputs.right = true_time;
+        self.link.drain(&mut inputs.received);
+        inputs.did_not_run_s = kept.silence.watch(true_time, &mut inputs.received);
         if self.neighbourhood.is_some() {
-            self.link.drain_strangers(&mut kept.strangers, &mut kept.intents);
-            self.station.receive_strangers(true_time, kept.strangers.drain(..));
-            self.station.receive_intents(true_time, kept.intents.drain(..));
+            self.link.drain_strangers(&mut inputs.strangers, &mut inputs.intents);
         }
+        inputs.standstill = self.plant.standstill();
+        if self.plant.faults() != inputs.simulator_faults {
+            inputs.simulator_faults = self.plant.faults().to_vec();
+        }
+        inputs.controls = self.plant.controls();
+        inputs.pilot_takes_over = self.plant.pilot_takes_over();
+        inputs.plant_time = frame.map_or(inputs.plant_time, |frame| frame.time);
+        inputs.measurement = frame.map(|frame| frame.measurement);
+        inputs.leave = self.stop.is_requested();
+        inputs.answer = self.law.as_ref().and_then(LiveLaw::answer);
+    }
+
+    /// Lets the simulator draw the peers where they are now.
+    fn show_peers(&mut self, poses: &mut Vec<PeerPose>) {
+        if !self.plant.shows_peers() {
+            return;
+        }
+        poses.clear();
+        poses.extend(self.station.agent().peer_poses(&self.own_origin));
+        self.plant.show_peers(poses);
     }
 
     /// Hands the messages of this step to the publisher's thread.
-    fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, kept: &mut LoopState) {
+    fn send(
+        &mut self,
+        now: LocalTime,
+        outbox: Outbox,
+        (trace, summary): (Option<Trace>, Option<Summary>),
+        kept: &mut LoopState,
+    ) {
         let Outbox { state, mission, intent, happened } = outbox;
         let position = state.as_ref().map(|state| self.origin.ned_from_geodetic(&state.state.position));
         let state = state.map(|state| *state).zip(position.map(Cell::of));
@@ -174,8 +212,10 @@ impl Control {
             Event { header: self.header(now, kept.events), what }
         };
         let events: Vec<Event> = happened.into_iter().map(event).collect();
-        if state.is_some() || mission.is_some() || intent.is_some() || !events.is_empty() || trace.is_some() {
-            self.link.send(Messages { state, mission: mission.map(|mission| *mission), events, trace, intent, cells });
+        let mission = mission.map(|mission| *mission);
+        let messages = Messages { state, mission, events, trace, summary, intent, cells };
+        if messages != Messages::default() {
+            self.link.send(messages);
         }
     }
 
@@ -198,7 +238,30 @@ impl Control {
         })
     }
 
-    fn health(&self, now: LocalTime, uptime_s: f64, summary: Summary, kept: &LoopState) -> Health {
+    /// The summary after this step, if it has a subscriber and is due. A vehicle without frames sends it too.
+    fn summary(&self, true_time: LocalTime, frame: Option<&Frame>, kept: &mut LoopState) -> Option<Summary> {
+        if true_time < kept.next_summary || !self.link.summary_is_wanted() {
+            return None;
+        }
+        // Ten a second on average, and none made up for after a pause.
+        kept.next_summary =
+            kept.next_summary.max(true_time.plus_seconds(-SUMMARY_PERIOD_S)).plus_seconds(SUMMARY_PERIOD_S);
+        kept.summaries += 1;
+        let header = self.header(self.station.clocks().local_time(true_time), kept.summaries);
+        let TimingSummary { frame_rate_hz, jitter_ms, step_p99_us, .. } = kept.last_second;
+        Some(Summary {
+            power_w: frame.and_then(|frame| frame.truth.power_w),
+            frame_rate_hz,
+            jitter_ms,
+            step_p99_us,
+            frame_overruns: kept.timing.overruns(),
+            dropped: self.drops().total(),
+            ..self.station.summary(true_time, kept.inputs.plant_time, header)
+        })
+    }
+
+    fn health(&self, now: LocalTime, uptime_s: f64, kept: &LoopState) -> Health {
+        let TimingSummary { frame_rate_hz, jitter_ms, step_p50_us, step_p99_us } = kept.last_second;
         let agent = self.station.agent();
         let (state_messages, state_bytes) = agent.states_sent();
         let peer = |peer: skein_core::peers::PeerEstimate| PeerHealth {
@@ -216,10 +279,11 @@ impl Control {
             plant: self.plant_name.to_owned(),
             version: self.release.clone(),
             failures: agent.failures(),
-            frame_rate_hz: summary.frame_rate_hz,
-            jitter_ms: summary.jitter_ms,
-            step_p50_us: summary.step_p50_us,
-            step_p99_us: summary.step_p99_us,
+            simulator_faults: self.plant.faults().to_vec(),
+            frame_rate_hz,
+            jitter_ms,
+            step_p50_us,
+            step_p99_us,
             frame_overruns: kept.timing.overruns(),
             drops: self.drops(),
             refused: agent.old_messages().map(old).take(Refused::MAX_COUNT).collect(),
@@ -257,9 +321,12 @@ impl Control {
     /// Whether this agent's flight has ended. Without a simulator no vehicle has to be landed.
     fn is_over(&self, timing: &Timing) -> bool {
         let is_flying = timing.last_frame().is_some_and(|last| now() < last + SIMULATOR_GONE_AFTER);
-        let is_down = self.station.agent().activity() == Activity::Landed;
+        let activity = self.station.agent().activity();
+        let is_down = activity == Activity::Landed;
+        // A vehicle in a pilot's hands is the pilot's to land.
+        let has_pilot = activity == Activity::Released;
         self.stop.is_urgent()
-            || self.stop.is_requested() && (is_down || !is_flying)
+            || self.stop.is_requested() && (is_down || has_pilot || !is_flying)
             || self.stop.is_abandoned() && is_down
     }
 }

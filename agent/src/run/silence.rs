@@ -101,7 +101,7 @@ impl SilenceMonitor {
 
 #[cfg(test)]
 mod tests {
-    use skein_common::id::Incarnation;
+    use skein_common::id::{Incarnation, VehicleSet};
     use skein_common::message::{Header, Heartbeat};
     use skein_common::time::SenderStamp;
 
@@ -124,7 +124,9 @@ mod tests {
             reached: None,
             progress_m: 0.0,
             order: None,
+            orders: 0,
             echo: None,
+            lost: VehicleSet::default(),
         })
     }
 

@@ -1,9 +1,10 @@
 use std::process;
 use std::time::{Duration, Instant};
 
-use skein_common::id::{Incarnation, SwarmName, VehicleId};
+use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{
-    Event, EventKind, Header, Health, Heartbeat, Message, Order, Reason, Refused, Trace, Verb, decode, encode,
+    Event, EventKind, Header, Health, Heartbeat, Message, Order, PeerAge, Reason, Refused, Summary, Trace, Verb,
+    decode, encode,
 };
 use skein_common::scenario::{self, EventAction, Fault, Graph, Network, Source, load};
 use skein_common::state::{Membership, PeerStatus};
@@ -50,6 +51,7 @@ fn node(swarm: &SwarmName, number: u8) -> Node {
         security: Security::Plain,
         orders_key: None,
         run: 0,
+        inputs: None,
     }
 }
 
@@ -106,6 +108,7 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     let mut events = listen::<Event>(&observer, all::EVENTS);
     let mut healths = listen::<Health>(&observer, all::HEALTH);
     let mut traces = listen::<Trace>(&observer, all::TRACES);
+    let mut summaries = listen::<Summary>(&observer, all::SUMMARIES);
     let begin = now();
     let two = Flight::begin(node(&swarm, 2), second, &tokio);
 
@@ -148,6 +151,7 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     let sequence: Vec<u64> = of_one.map(|message| message.header.sequence).collect();
     assert!(sequence.windows(2).all(|pair| pair[0] < pair[1]));
     assert!(trace.iter().all(|message| message.step_us.is_some() || message.header.sequence == 1));
+    assert_summarised(&summaries(), &trace);
 
     one.stop.request();
     two.stop.request();
@@ -155,6 +159,30 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     two.end();
     recorded.extend(events());
     assert!(has(&recorded, 1, EventKind::Landed) && has(&recorded, 2, EventKind::Landed), "{recorded:?}");
+}
+
+/// Summaries of vehicle 1 are sent at most ten times a second and show what its traces do, by its own estimate.
+fn assert_summarised(summaries: &[Summary], traces: &[Trace]) {
+    let is_of_one = |header: &Header| header.sender.get() == 1;
+    let of_one: Vec<_> = summaries.iter().filter(|summary| is_of_one(&summary.header)).collect();
+    assert!(of_one.len() > 5, "{summaries:?}");
+    let seconds = |summary: &Summary| summary.header.stamp.nanoseconds() as f64 * 1e-9;
+    let elapsed_s = seconds(of_one[of_one.len() - 1]) - seconds(of_one[0]);
+    assert!(of_one.len() as f64 <= 2.0 + 10.0 * elapsed_s, "{} in {elapsed_s} s", of_one.len());
+    let compared = of_one.iter().filter_map(|summary| {
+        let trace = traces.iter().find(|trace| is_of_one(&trace.header) && trace.plant_time == summary.plant_time)?;
+        let position = summary.position?;
+        assert!((position - trace.estimate).amax() <= 0.000_501, "{summary:?}\n{trace:?}");
+        assert_eq!((summary.activity, summary.step, summary.live), (trace.activity, trace.step, trace.live));
+        assert_eq!(summary.flown_s.is_some(), trace.membership == Membership::Active);
+        assert_eq!(summary.controls.is_some(), trace.controls.is_some(), "{summary:?}\n{trace:?}");
+        let ids = |peers: &[PeerAge]| peers.iter().map(|peer| peer.id).collect::<Vec<_>>();
+        assert_eq!(summary.peers.iter().map(|peer| peer.id).collect::<Vec<_>>(), ids(&trace.peers));
+        Some(summary)
+    });
+    assert!(compared.count() > 5, "no trace of the same frames");
+    let last = of_one[of_one.len() - 1];
+    assert!(last.frame_rate_hz > 25.0 && !last.peers.is_empty(), "{last:?}");
 }
 
 #[test]
@@ -374,7 +402,7 @@ fn an_agent_whose_launcher_is_gone_flies_until_an_order_has_landed_it() {
         recorded.contains(&EventKind::BecameActive)
     });
     assert!(!flight.thread.is_finished());
-    let order = Order { epoch: 1, issuer: 5, verb: Verb::Land, signature: None };
+    let order = Order { epoch: 1, issuer: 5, verb: Verb::Land, vehicles: None, signature: None };
     observer.put(Topic::Order(order.issuer).key(), encode(&order)).wait().unwrap();
     flight.end();
     recorded.extend(events().iter().map(|event| event.what));
@@ -394,7 +422,7 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     let (mut events, mut healths) = (listen::<Event>(&other, all::EVENTS), listen::<Health>(&other, all::HEALTH));
     let mut missions = listen::<Heartbeat>(&other, all::MISSIONS);
     let mut recorded: Vec<EventKind> = Vec::new();
-    let abort = Order { epoch: u64::MAX, issuer: 5, verb: Verb::Abort, signature: None };
+    let abort = Order { epoch: u64::MAX, issuer: 5, verb: Verb::Abort, vehicles: None, signature: None };
     let mut heartbeat = Heartbeat {
         header: Header {
             sender: VehicleId::new(2).unwrap(),
@@ -409,7 +437,9 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
         reached: None,
         progress_m: 0.0,
         order: None,
+        orders: 0,
         echo: None,
+        lost: VehicleSet::default(),
     };
     let put = |topic: Topic, bytes: Vec<u8>| other.put(topic.key(), bytes).wait().unwrap();
     let mut named: Vec<Refused> = Vec::new();
@@ -428,7 +458,7 @@ fn an_invented_order_lands_no_vehicle_and_a_signed_one_does() {
     assert!(!heartbeats.is_empty() && heartbeats.iter().all(|message| message.order.is_none()), "{heartbeats:?}");
 
     // The order travels only in the other vehicle's heartbeat: it needs to reach just one vehicle.
-    let land = Order { epoch: 1, issuer: 5, verb: Verb::Land, signature: None };
+    let land = Order { epoch: 1, issuer: 5, verb: Verb::Land, vehicles: None, signature: None };
     heartbeat.order = Some(sign(&operator, &swarm, Branch::SWARM, 7, land));
     wait_until("the order to be passed on", || {
         heartbeat.header.sequence += 1;

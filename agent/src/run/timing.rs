@@ -25,8 +25,8 @@ pub(super) struct Timing {
 }
 
 /// Timing over one second.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Summary {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct TimingSummary {
     pub(super) frame_rate_hz: f64,
     /// Largest excess of the time between two frames over their period, ms.
     pub(super) jitter_ms: f64,
@@ -88,12 +88,12 @@ impl Timing {
     }
 
     /// Once a second: the timing of that second.
-    pub(super) fn summary(&mut self, now: Instant) -> Option<Summary> {
+    pub(super) fn summary(&mut self, now: Instant) -> Option<TimingSummary> {
         let window = now.saturating_duration_since(self.since);
         if window < WINDOW {
             return None;
         }
-        let summary = Summary {
+        let summary = TimingSummary {
             frame_rate_hz: f64::from(self.frames) / window.as_secs_f64(),
             jitter_ms: quantile(&mut self.late_ms, 1.0).unwrap_or(0.0),
             step_p50_us: quantile(&mut self.step_us, 0.5).unwrap_or(0.0),

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{ClockOffset, Failure, Header, Message, message};
+use super::{ClockOffset, Failure, Header, Message, SimulatorFault, message};
 use crate::id::VehicleId;
 use crate::state::{Activity, PeerStatus};
 use crate::topic::{Author, Topic};
@@ -23,6 +23,8 @@ pub struct Health {
     pub version: String,
     /// Failures that the agent detected of its own vehicle.
     pub failures: Vec<Failure>,
+    /// Faults of the simulator's set-up, at most [`SimulatorFault::MAX_COUNT`].
+    pub simulator_faults: Vec<SimulatorFault>,
     /// Rate of simulator frames over the last second, Hz.
     pub frame_rate_hz: f64,
     /// Largest excess of the time between two frames over their period, over the last second, ms.
@@ -204,6 +206,8 @@ message!(Health, 16 * 1024, |health| Author::Vehicle(health.header.sender), |hea
         && health.plant.len() <= 64
         && health.version.len() <= Health::MAX_VERSION
         && health.failures.len() <= Failure::KINDS
+        && health.simulator_faults.len() <= SimulatorFault::MAX_COUNT
+        && health.simulator_faults.iter().all(|fault| fault.is_plausible())
         && health.refused.len() <= Refused::MAX_COUNT
         && health.refused.iter().all(Refused::is_plausible)
         && health.peers.iter().all(PeerHealth::is_plausible)

@@ -1,12 +1,18 @@
-//! Orders of an operator to the swarm.
+//! Orders of an operator, to the whole swarm or to some of its vehicles.
+
+mod standing;
 
 use serde::{Deserialize, Serialize};
 
 use super::{Message, message};
+use crate::id::{VehicleId, VehicleSet};
+use crate::scenario::Setting;
 use crate::topic::{Author, Topic};
 
-/// Order of an operator to the whole swarm. Agents keep the larger of two orders and repeat it, so that an order
-/// spreads from any vehicle to all. An order to abort is larger than any other: it cannot be revoked.
+pub use standing::StandingOrders;
+
+/// Order of an operator. Agents keep the larger of two orders to a vehicle and repeat it, so that an order spreads from
+/// any vehicle to all ([`StandingOrders`]). An order to abort is larger than any other: it cannot be revoked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Order {
@@ -16,6 +22,8 @@ pub struct Order {
     pub issuer: u64,
     /// The action.
     pub verb: Verb,
+    /// The vehicles that the order names; `None` for the whole swarm. The set is not empty.
+    pub vehicles: Option<VehicleSet>,
     /// Signature of the operator; `None` in a swarm whose orders are not signed.
     #[serde(rename = "seal")]
     pub signature: Option<Signature>,
@@ -55,10 +63,29 @@ impl std::fmt::Debug for Signature {
     }
 }
 
+impl Order {
+    /// Whether the order is to this vehicle.
+    pub fn is_to(&self, id: VehicleId) -> bool {
+        self.vehicles.is_none_or(|vehicles| vehicles.contains(id))
+    }
+}
+
+impl std::fmt::Display for Order {
+    /// `hold`, or `hold, vehicle 1, 3`
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.vehicles {
+            Some(vehicles) => write!(f, "{}, vehicle {vehicles}", self.verb),
+            None => write!(f, "{}", self.verb),
+        }
+    }
+}
+
 impl Ord for Order {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        let rank = |order: &Self| (order.verb == Verb::Abort, order.epoch, order.issuer, order.verb, order.signature);
-        rank(self).cmp(&rank(other))
+        let Self { epoch, issuer, verb, vehicles, signature } = self;
+        let rank = (*verb == Verb::Abort, epoch, issuer, verb, vehicles, signature);
+        let Self { epoch, issuer, verb, vehicles, signature } = other;
+        rank.cmp(&(*verb == Verb::Abort, epoch, issuer, verb, vehicles, signature))
     }
 }
 
@@ -80,6 +107,11 @@ pub enum Verb {
     Goto(u32),
     /// Abort the mission: land at the present position and ignore all later orders.
     Abort,
+    /// Give the controls to a human pilot. The order always names its vehicles, and only a later order that names a
+    /// vehicle takes its controls back.
+    Release,
+    /// Change a key in flight. The order is always to the whole swarm.
+    Set(Setting),
 }
 
 impl std::fmt::Display for Verb {
@@ -89,8 +121,15 @@ impl std::fmt::Display for Verb {
             Self::Land => f.write_str("land"),
             Self::Goto(step) => write!(f, "goto {step}"),
             Self::Abort => f.write_str("abort"),
+            Self::Release => f.write_str("release"),
+            Self::Set(setting) => write!(f, "set {setting}"),
         }
     }
 }
 
-message!(Order, 128, |order| Author::Issuer(order.issuer), |_| true);
+message!(Order, 192, |order| Author::Issuer(order.issuer), |order| {
+    match order.verb {
+        Verb::Set(setting) => order.vehicles.is_none() && setting.is_in_range(),
+        verb => order.vehicles.map_or(verb != Verb::Release, |vehicles| !vehicles.is_empty()),
+    }
+});

@@ -2,6 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::frame::{Geodetic, VelocityNed};
+use crate::scenario::TunableKey;
 use crate::state::{Activity, PeerStatus};
 
 fn header() -> Header {
@@ -29,7 +30,7 @@ fn signature() -> Signature {
 }
 
 fn mission() -> Heartbeat {
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: Some(signature()) };
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, vehicles: None, signature: Some(signature()) };
     Heartbeat {
         header: header(),
         plan: 7,
@@ -39,12 +40,19 @@ fn mission() -> Heartbeat {
         reached: Some(2),
         progress_m: 0.5,
         order: Some(order),
+        orders: 1,
         echo: Some(Echo {
             of: VehicleId::new(2).unwrap(),
             stamp: SenderStamp::from_nanoseconds(300),
             held_us: 200_000,
         }),
+        lost: [1, 65].map(|number| VehicleId::new(number).unwrap()).into_iter().collect(),
     }
+}
+
+fn setting() -> Order {
+    let verb = Verb::Set(Setting { key: TunableKey::Radius, value: 80.0 });
+    Order { epoch: 5, issuer: 9, verb, vehicles: None, signature: None }
 }
 
 /// The header above: id 3, incarnation, sequence 42, stamp, as postcard's variable-length integers.
@@ -69,10 +77,12 @@ fn a_heartbeat_and_an_event_are_encoded_as_the_golden_bytes() {
     golden.extend([7, 1, 3, 1, 1, 2]);
     golden.extend(0.5_f64.to_le_bytes());
     // The order and its signature.
-    golden.extend([1, 1, 9, 1, 1]);
+    golden.extend([1, 1, 9, 1, 0, 1]);
     golden.extend(signature().to_bytes());
-    // Vehicle 2's stamp, held for 0.2 s.
-    golden.extend([1, 2, 0xac, 0x02, 0xc0, 0x9a, 0x0c]);
+    // Vehicle 2's stamp, held for 0.2 s, after the number of orders.
+    golden.extend([1, 1, 2, 0xac, 0x02, 0xc0, 0x9a, 0x0c]);
+    // The lost vehicles 1 and 65.
+    golden.extend([1, 1, 0, 0]);
     assert_eq!(encode(&mission()), golden);
     assert_eq!(decode(&golden), Ok(mission()));
     let plain = Heartbeat { order: mission().order.map(|order| Order { signature: None, ..order }), ..mission() };
@@ -84,6 +94,71 @@ fn a_heartbeat_and_an_event_are_encoded_as_the_golden_bytes() {
     let event = Event { header: header(), what: EventKind::PeerLost(VehicleId::new(4).unwrap()) };
     assert_eq!(encode(&event), golden);
     assert_eq!(decode(&golden), Ok(event));
+}
+
+#[test]
+fn an_event_of_the_simulator_is_encoded_as_the_golden_bytes_and_its_text_has_to_be_printable() {
+    let text = ShortText::of("a/b");
+    for (what, numbers) in [
+        (EventKind::SimulatorStopped(Standstill::OtherAircraft(text)), [22, 5]),
+        (EventKind::SimulatorFault(SimulatorFault::NoDataref(text)), [26, 0]),
+    ] {
+        let mut golden = vec![VERSION];
+        golden.extend(HEADER);
+        golden.extend(numbers);
+        golden.extend([3, b'a', b'/', b'b']);
+        let event = Event { header: header(), what };
+        assert_eq!((encode(&event), decode(&golden)), (golden.clone(), Ok(event)));
+        *golden.last_mut().unwrap() = 0x1b;
+        assert_eq!(decode::<Event>(&golden), Err(DecodeError::Implausible));
+    }
+}
+
+#[test]
+fn an_order_to_some_vehicles_is_encoded_as_the_golden_bytes() {
+    let vehicles = [1, 3, 65].map(|number| VehicleId::new(number).unwrap()).into_iter().collect();
+    let order = Order { epoch: 5, issuer: 9, verb: Verb::Release, vehicles: Some(vehicles), signature: None };
+    let golden = [VERSION, 5, 9, 4, 1, 0b101, 1, 0, 0, 0];
+    assert_eq!((encode(&order), decode(&golden)), (golden.to_vec(), Ok(order)));
+    assert_eq!(order.to_string(), "release, vehicle 1, 3, 65");
+    for refused in [Order { vehicles: None, ..order }, Order { vehicles: Some(VehicleSet::default()), ..order }] {
+        assert_eq!(decode::<Order>(&encode(&refused)), Err(DecodeError::Implausible), "{refused}");
+        let heartbeat = Heartbeat { order: Some(refused), ..mission() };
+        assert_eq!(decode::<Heartbeat>(&encode(&heartbeat)), Err(DecodeError::Implausible), "{refused}");
+    }
+}
+
+#[test]
+fn an_order_that_sets_a_key_is_encoded_as_the_golden_bytes_and_its_value_has_to_be_in_the_key_s_range() {
+    let set = |key, value| Order { verb: Verb::Set(Setting { key, value }), ..setting() };
+    for (nth, key) in TunableKey::ALL.iter().enumerate() {
+        let value = key.range().max.min(80.0);
+        let mut golden = vec![VERSION, 5, 9, 5, nth as u8];
+        golden.extend(value.to_le_bytes());
+        golden.extend([0, 0]);
+        let order = set(*key, value);
+        assert_eq!((encode(&order), decode(&golden)), (golden, Ok(order)), "{order}");
+    }
+    assert_eq!(setting().to_string(), "set formation.radius_m=80");
+    let of_some = Order { vehicles: Some(VehicleId::first(2).collect()), ..setting() };
+    let bad = [f64::NAN, f64::INFINITY, -3.0, 0.0, 1e9].map(|value| set(TunableKey::Radius, value));
+    for refused in bad.into_iter().chain([of_some]) {
+        assert_eq!(decode::<Order>(&encode(&refused)), Err(DecodeError::Implausible), "{refused}");
+        let heartbeat = Heartbeat { order: Some(refused), ..mission() };
+        assert_eq!(decode::<Heartbeat>(&encode(&heartbeat)), Err(DecodeError::Implausible), "{refused}");
+        let event = Event { header: header(), what: EventKind::OrderTaken(refused) };
+        assert_eq!(decode::<Event>(&encode(&event)), Err(DecodeError::Implausible), "{refused}");
+    }
+
+    let mut golden = vec![VERSION];
+    golden.extend(HEADER);
+    golden.extend([27, 0]);
+    golden.extend(80.0_f64.to_le_bytes());
+    let radius = Setting { key: TunableKey::Radius, value: 80.0 };
+    let event = Event { header: header(), what: EventKind::SettingRefused(radius) };
+    assert_eq!((encode(&event), decode(&golden)), (golden, Ok(event)));
+    let endless = EventKind::SettingRefused(Setting { value: f64::INFINITY, ..radius });
+    assert_eq!(decode::<Event>(&encode(&Event { header: header(), what: endless })), Err(DecodeError::Implausible));
 }
 
 #[test]
@@ -110,10 +185,10 @@ fn bytes_that_no_correct_peer_sends_are_refused() {
 
 #[test]
 fn the_larger_of_two_orders_wins_in_either_sequence() {
-    let early = Order { epoch: 1, issuer: 900, verb: Verb::Land, signature: None };
-    let late = Order { epoch: 2, issuer: 1, verb: Verb::Hold, signature: None };
+    let early = Order { epoch: 1, issuer: 900, verb: Verb::Land, vehicles: None, signature: None };
+    let late = Order { epoch: 2, issuer: 1, verb: Verb::Hold, vehicles: None, signature: None };
     assert_eq!(early.max(late), late);
-    let end = Order { epoch: 1, issuer: 0, verb: Verb::Abort, signature: None };
+    let end = Order { epoch: 1, issuer: 0, verb: Verb::Abort, vehicles: None, signature: None };
     assert_eq!(end.max(late), end, "no order revokes an abort");
     assert_eq!(Some(early).max(None), Some(early));
     let signed = Order { signature: Some(signature()), ..late };
@@ -128,7 +203,9 @@ fn the_largest_messages_fit() {
         sequence: u64::MAX,
         stamp: SenderStamp::from_nanoseconds(u64::MAX),
     };
-    let order = Order { epoch: u64::MAX, issuer: u64::MAX, verb: Verb::Goto(u32::MAX), signature: Some(signature()) };
+    let vehicles = Some(VehicleId::first(VehicleId::MAX.into()).collect());
+    let (verb, signature) = (Verb::Goto(u32::MAX), Some(signature()));
+    let order = Order { epoch: u64::MAX, issuer: u64::MAX, verb, vehicles, signature };
     let mission = Heartbeat {
         header: most,
         plan: u64::MAX,
@@ -138,12 +215,17 @@ fn the_largest_messages_fit() {
         reached: Some(MAX_STEP),
         progress_m: 1e8,
         order: Some(order),
+        orders: u16::MAX,
         echo: Some(Echo { of: most.sender, stamp: most.stamp, held_us: u32::MAX }),
+        lost: VehicleId::first(VehicleId::MAX.into()).collect(),
     };
     assert_eq!(decode(&encode(&mission)), Ok(mission));
     assert_eq!(decode(&encode(&order)), Ok(order));
-    let event = Event { header: most, what: EventKind::OrderTaken(order) };
-    assert_eq!(decode(&encode(&event)), Ok(event));
+    let longest = SimulatorFault::NoDataref(ShortText::of(&"x".repeat(ShortText::MAX_LENGTH)));
+    for what in [EventKind::OrderTaken(order), EventKind::SimulatorFault(longest)] {
+        let event = Event { header: most, what };
+        assert_eq!(decode(&encode(&event)), Ok(event));
+    }
     let health = health(VehicleId::MAX);
     assert_eq!(decode(&encode(&health)).as_ref(), Ok(&health));
 }
@@ -165,6 +247,10 @@ fn health(vehicles: u8) -> Health {
         plant: "standin".to_owned(),
         version: "v".repeat(Health::MAX_VERSION),
         failures: vec![Failure::Servo; Failure::KINDS],
+        simulator_faults: vec![
+            SimulatorFault::NoDataref(ShortText::of(&"x".repeat(ShortText::MAX_LENGTH)));
+            SimulatorFault::MAX_COUNT
+        ],
         frame_rate_hz: 50.0,
         jitter_ms: 1.0,
         step_p50_us: 1.0,
@@ -211,8 +297,18 @@ fn a_health_report_with_too_many_or_implausible_values_is_refused() {
 /// Bytes of a good message of any kind, up to two of them changed, and perhaps cut off or followed by more.
 fn nearly_a_message() -> impl Strategy<Value = Vec<u8>> {
     let event = Event { header: header(), what: EventKind::PeerLost(VehicleId::new(4).unwrap()) };
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Goto(2), signature: Some(signature()) };
-    let good = [encode(&state()), encode(&mission()), encode(&order), encode(&event), encode(&health(2))];
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Goto(2), vehicles: None, signature: Some(signature()) };
+    let taken = Event { header: header(), what: EventKind::OrderTaken(setting()) };
+    let signed = Order { signature: Some(signature()), ..setting() };
+    let good = [
+        encode(&state()),
+        encode(&mission()),
+        encode(&order),
+        encode(&signed),
+        encode(&event),
+        encode(&taken),
+        encode(&health(2)),
+    ];
     let changes = proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 0..3);
     (proptest::sample::select(good.to_vec()), changes, 0..4_usize, 0..4_usize).prop_map(
         |(mut bytes, changes, cut, more)| {

@@ -2,12 +2,15 @@
 
 use std::f64::consts::PI;
 
+use super::Source;
 use super::error::ScenarioError;
+use super::keys::KEYS;
+use super::kind::FileKind;
 use super::model::{
     ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, ModelKind, Pattern, PlantKind, SafetyFilter,
-    Scenario, ScriptedOrder, StartPattern, Vertical,
+    Scenario, ScriptedOrder, ScriptedVerb, Setting, StartPattern, Vertical,
 };
-use super::tree::{Node, Place, Texts};
+use super::tree::{Node, Part, Place, Table, Texts, Value};
 use crate::id::VehicleId;
 use crate::math;
 
@@ -21,20 +24,53 @@ const LOWEST_M: f64 = 3.5;
 /// Lowest height to which the field of an ellipsoid may guide a vehicle, m.
 const LOWEST_ON_ELLIPSOID_M: f64 = 5.0;
 
+/// Longest path of an aircraft file in X-Plane's messages, bytes.
+const LONGEST_ACF: usize = 149;
+
 /// Checks all combinations; the first contradiction is the error.
 pub(super) fn check(texts: &Texts<'_>, written: &Node, scenario: &Scenario) -> Result<(), ScenarioError> {
     let check = Check { texts, written, scenario };
     check.vehicles()?;
     check.point_mass()?;
+    check.shown_peers()?;
     check.starts()?;
     check.network()?;
-    check.formation(&scenario.formation, None)?;
-    for (index, step) in scenario.mission.steps.iter().enumerate() {
-        check.formation(&step.formation, Some(index))?;
-    }
+    check.formations()?;
     check.external()?;
     check.central()?;
     check.events()
+}
+
+impl Scenario {
+    /// Checks the combinations of keys of all formations, and that they fit into the airspace, as [`super::load`] does.
+    ///
+    /// # Errors
+    /// Why the scenario cannot be flown.
+    pub fn check_formations(&self) -> Result<(), String> {
+        let source = Source { name: "", text: "" };
+        let texts = Texts { kind: FileKind::Scenario, keys: KEYS, source: &source, sets: &[], part: Part::Whole };
+        let written = Node { place: Place::File(0..0), value: Value::Table(Table::new()) };
+        let check = Check { texts: &texts, written: &written, scenario: self };
+        check.formations().map_err(|error| error.message.into())
+    }
+}
+
+/// Whether these corners, one after the other, are those of a convex polygon that is gone around once.
+fn is_convex(corners: &[[f64; 2]]) -> bool {
+    let count = corners.len();
+    let side = |nth: usize| {
+        let ([n0, e0], [n1, e1]) = (corners[nth % count], corners[(nth + 1) % count]);
+        [n1 - n0, e1 - e0]
+    };
+    let turn = |nth: usize| {
+        let ([n0, e0], [n1, e1]) = (side(nth), side(nth + 1));
+        math::atan2(n0 * e1 - e0 * n1, n0 * n1 + e0 * e1)
+    };
+    let turns: Vec<f64> = (0..count).map(turn).collect();
+    let is_one_way = turns.iter().all(|turn| *turn > 0.0) || turns.iter().all(|turn| *turn < 0.0);
+    let has_length = (0..count).all(|nth| side(nth) != [0.0, 0.0]);
+    // A star turns one way too, but more than once around.
+    count >= 3 && has_length && is_one_way && (turns.iter().sum::<f64>().abs() - 2.0 * PI).abs() < 1e-6
 }
 
 struct Check<'a> {
@@ -50,6 +86,14 @@ impl Check<'_> {
         let blamed = written.iter().find(|(_, node)| node.is_set()).or(written.first());
         let (path, place) = blamed.map_or(("", Place::File(0..0)), |(path, node)| (*path, node.place.clone()));
         self.texts.fault(&place, path, message)
+    }
+
+    fn formations(&self) -> Result<(), ScenarioError> {
+        self.formation(&self.scenario.formation, None)?;
+        for (index, step) in self.scenario.mission.steps.iter().enumerate() {
+            self.formation(&step.formation, Some(index))?;
+        }
+        self.airspace()
     }
 
     fn count(&self) -> usize {
@@ -80,6 +124,40 @@ impl Check<'_> {
                 }
                 Err(error) => return Err(self.texts.fault(place, &path, format!("`{path}`: {error}"))),
             }
+        }
+        Ok(())
+    }
+
+    /// Checks the fence, and that the safety filter keeps the airspace in every step.
+    fn airspace(&self) -> Result<(), ScenarioError> {
+        let Scenario { airspace, mission, .. } = self.scenario;
+        if airspace.is_unlimited() {
+            return Ok(());
+        }
+        let unfiltered = mission.steps.iter().any(|step| step.formation.safety_filter == SafetyFilter::None);
+        if unfiltered {
+            let message = "`airspace` has no effect under `formation.safety_filter` = \"none\": the safety filter keeps it; \
+                           set it to \"cbf\"";
+            return Err(self.fault(&["formation.safety_filter", "airspace"], message.to_owned()));
+        }
+        if let (Some(floor_m), Some(ceiling_m)) = (airspace.floor_m, airspace.ceiling_m)
+            && floor_m >= ceiling_m
+        {
+            let message =
+                format!("`airspace.floor_m` is {floor_m}, not below `airspace.ceiling_m`, which is {ceiling_m}");
+            return Err(self.fault(&["airspace.floor_m", "airspace.ceiling_m"], message));
+        }
+        for (index, obstacle) in airspace.obstacles.iter().enumerate() {
+            if obstacle.size_ne_m.is_some_and(|size_ne_m| size_ne_m.iter().any(|length_m| *length_m <= 0.0)) {
+                let path = format!("airspace.obstacles[{index}].size_ne_m");
+                return Err(self.fault(&[&path], format!("`{path}` has a length that is not above 0")));
+            }
+        }
+        let corners = &airspace.fence_ne_m;
+        if !corners.is_empty() && !is_convex(corners) {
+            let message = "`airspace.fence_ne_m` is not a convex polygon of three corners or more, one after the other around \
+                           it: leave out the corners that point inwards, or make them obstacles";
+            return Err(self.fault(&["airspace.fence_ne_m"], message.to_owned()));
         }
         Ok(())
     }
@@ -115,6 +193,23 @@ impl Check<'_> {
             let message =
                 format!("`{path}`: fault = \"{fault}\" has no effect under {point_mass}, which has no {part}");
             return Err(self.fault(&[&format!("{path}.fault"), "plant.model"], message));
+        }
+        Ok(())
+    }
+
+    /// Checks that X-Plane's message can carry the aircraft file of peers, and that peers are shown at all.
+    fn shown_peers(&self) -> Result<(), ScenarioError> {
+        let plant = &self.scenario.plant;
+        let Some(path) = &plant.peer_acf else { return Ok(()) };
+        if path.len() > LONGEST_ACF || path.contains(char::is_control) {
+            let message =
+                format!("`plant.peer_acf` has to be at most {LONGEST_ACF} bytes long, without control characters");
+            return Err(self.fault(&["plant.peer_acf"], message));
+        }
+        if plant.show_peers == 0 {
+            let message =
+                "`plant.peer_acf` has no effect without `plant.show_peers`, the number of peers that are shown";
+            return Err(self.fault(&["plant.peer_acf"], message.to_owned()));
         }
         Ok(())
     }
@@ -389,6 +484,21 @@ impl Check<'_> {
         Ok(())
     }
 
+    /// Checks the settings that events order, each together with those in force at its time.
+    fn settings(&self) -> Result<(), ScenarioError> {
+        let path = |index: usize| format!("mission.events[{index}].value");
+        let settings = self.scenario.scripted_settings();
+        if let Some((index, Setting { key, value })) = settings.into_iter().find(|(_, one)| !one.is_in_range()) {
+            let path = path(index);
+            let message = format!("`{path}` is {value}, out of the range of `{}`: {}", key.path(), key.range());
+            return Err(self.fault(&[&path], message));
+        }
+        self.scenario.check_scripted_settings(Scenario::check_formations).map_err(|(index, setting, why)| {
+            let path = path(index);
+            self.fault(&[&path], format!("`{path}`: {setting} cannot be flown: {why}"))
+        })
+    }
+
     fn events(&self) -> Result<(), ScenarioError> {
         for (index, event) in self.scenario.mission.events.iter().enumerate() {
             let path = |name: &str| format!("mission.events[{index}].{name}");
@@ -409,14 +519,21 @@ impl Check<'_> {
                     | Fault::GpsFrozen { vehicle }
                     | Fault::ClockJump { vehicle, .. },
                 ) => self.flies(*vehicle, &path("vehicle"))?,
-                EventAction::Order(ScriptedOrder::Goto { step }) if *step >= self.scenario.mission.steps.len() => {
+                EventAction::Order(ScriptedOrder { verb, vehicles }) => {
                     let last = self.scenario.mission.steps.len() - 1;
-                    let path = path("step");
-                    return Err(self.fault(&[&path], format!("`{path}` is {step}, but the last step is {last}")));
+                    if let ScriptedVerb::Goto { step } = verb
+                        && *step > last
+                    {
+                        let path = path("step");
+                        return Err(self.fault(&[&path], format!("`{path}` is {step}, but the last step is {last}")));
+                    }
+                    for (place, id) in vehicles.iter().flatten().enumerate() {
+                        self.flies(*id, &format!("{}[{place}]", path("vehicles")))?;
+                    }
                 }
-                EventAction::Fault(Fault::KillControl | Fault::Isolate { .. }) | EventAction::Order(_) => {}
+                EventAction::Fault(Fault::KillControl | Fault::Isolate { .. }) => {}
             }
         }
-        Ok(())
+        self.settings()
     }
 }

@@ -29,7 +29,7 @@ impl FileKind {
     /// The kind of file that has this top-level key, if only one kind has it.
     pub(super) fn of_key(name: &str, is_table: bool, is_text: bool) -> Option<Self> {
         match name {
-            "trim" | "helicopter" => Some(Self::Aircraft),
+            "fit" | "trim" | "helicopter" => Some(Self::Aircraft),
             "listen" | "dial" => Some(Self::Agent),
             "node" | "defaults" | "files" | "keys" => Some(Self::Cluster),
             // In a cluster file these are texts: the name of the swarm, the kind of security.

@@ -79,6 +79,10 @@ impl<'a> Layers<'a> {
         if let Some(Toml::Table(network)) = root.get_mut("network") {
             network.insert("links".to_owned(), Toml::Array(links));
         }
+        let obstacles = self.entries("airspace.obstacles").into_iter().map(Toml::Table).collect();
+        if let Some(Toml::Table(airspace)) = root.get_mut("airspace") {
+            airspace.insert("obstacles".to_owned(), Toml::Array(obstacles));
+        }
         let vehicles = self.named("swarm.vehicles").and_then(|count| count.as_integer()).unwrap_or(0);
         root.insert(
             "vehicle".to_owned(),

@@ -3,11 +3,13 @@
 //! Names and units of fields are those of the keys: angles are in degrees here, and the `_rad` methods convert them.
 //! [`KEYS`](super::KEYS) has the meaning, range and default of each key.
 
+mod airspace;
 mod laws;
 mod mission;
 mod network;
 mod plant;
 mod sensing;
+mod setting;
 
 use std::path::PathBuf;
 
@@ -17,11 +19,15 @@ use crate::frame::Geodetic;
 use crate::id::{SwarmName, TeamId, VehicleId};
 
 pub use super::law::Law;
+pub use airspace::{Airspace, StaticObstacle};
 pub use laws::{DisplacementConsensus, OlfatiSaber, Pattern, Slots, Vasarhelyi};
-pub use mission::{EventAction, Fault, Mission, Partition, ScriptedEvent, ScriptedOrder, Servo, Step, Target};
+pub use mission::{
+    EventAction, Fault, Mission, Partition, ScriptedEvent, ScriptedOrder, ScriptedVerb, Servo, Step, Target,
+};
 pub use network::{Graph, LinkChange, Network, Quality, SendMode};
 pub use plant::{ModelKind, PlantKind, PointMassLimits, VehicleModel};
 pub use sensing::{PositionSensing, Sensing, SensorErrors, VelocitySensing};
+pub use setting::{Setting, TunableKey};
 
 /// A scenario: one swarm, its mission and the flight conditions. Only [`load`](super::load) checks it: `Deserialize`
 /// reads the output of `Serialize` and checks only its structure. Both need a self-describing format (TOML or JSON, not
@@ -48,6 +54,9 @@ pub struct Scenario {
     pub formation: Formation,
     /// Steps and events of the mission.
     pub mission: Mission,
+    /// The volume that the swarm may fly in.
+    #[serde(default)]
+    pub airspace: Airspace,
     /// The vehicle controller.
     pub control: Control,
     /// Sensors of the vehicles.
@@ -392,6 +401,8 @@ pub struct Record {
     pub runs: RecordRuns,
     /// Rate of recording.
     pub hz: RecordRate,
+    /// Whether each live agent writes all that enters and leaves its core, and not only after a fault.
+    pub inputs: bool,
 }
 
 /// Runs of a study whose recordings are kept, `record.runs`.
@@ -448,6 +459,8 @@ pub struct Vehicle {
     pub heading_deg: Option<f64>,
     /// HOST:PORT of the vehicle's X-Plane, unless another file or option gives it.
     pub xplane: Option<String>,
+    /// HOST:PORT of that X-Plane's Web API, if it is not on the PC of the command that asks it. No agent does.
+    pub web: Option<String>,
     /// How far the vehicle's clock is ahead of the others' clocks, s.
     pub clock_offset_s: f64,
     /// How much too fast the vehicle's clock runs, ppm.

@@ -7,7 +7,7 @@ use crate::hash::{FNV_1A_START, fnv_1a};
 
 impl Scenario {
     /// 64-bit FNV-1a hash of the values on which the swarm has to agree: number of vehicles, origin, formation, steps
-    /// and partition rule of the mission. It does not depend on the spelling of the file, on events, or on how a host
+    /// and partition rule of the mission, and the airspace. It does not depend on the spelling of the file, on events, or on how a host
     /// starts the program of an external law. Tables are hashed with sorted names and numbers by their bits, so that
     /// the hash is the same on every platform.
     pub fn plan_hash(&self) -> u64 {
@@ -21,6 +21,9 @@ impl Scenario {
         put("formation", Toml::try_from(&self.formation));
         put("steps", Toml::try_from(&self.mission.steps));
         put("partition", Toml::try_from(self.mission.partition));
+        if !self.airspace.is_unlimited() {
+            put("airspace", Toml::try_from(&self.airspace));
+        }
         let mut plan = Toml::Table(plan);
         remove_programs(&mut plan);
         hash(&plan, FNV_1A_START)

@@ -1,4 +1,4 @@
-//! Checks of tables in which only some combinations of keys are allowed: steps, events, links, UDP addresses of a law.
+//! Checks of tables in which only some combinations of keys are allowed: steps, events, links, obstacles, UDP addresses of a law.
 
 use super::error::ScenarioError;
 use super::keys::{FAULT_KEYS, ORDER_KEYS};
@@ -28,6 +28,15 @@ pub(super) fn check(texts: &Texts<'_>, written: &Node) -> Result<(), ScenarioErr
     let links = written.at("network.links").map(Node::list).unwrap_or_default();
     for (index, link) in links.iter().enumerate() {
         check_link(texts, link, &format!("network.links[{index}]"))?;
+    }
+    let obstacles = written.at("airspace.obstacles").map(Node::list).unwrap_or_default();
+    for (index, obstacle) in obstacles.iter().enumerate() {
+        let path = format!("airspace.obstacles[{index}]");
+        let Some(table) = obstacle.table() else { continue };
+        if !table.contains_key("centre_ne_m") {
+            return Err(texts.fault(&obstacle.place, &path, format!("`{path}` needs `centre_ne_m`")));
+        }
+        one_of(texts, obstacle, table, &path, [("radius_m", ()), ("size_ne_m", ())].into_iter())?;
     }
     check_udp(texts, written)
 }
@@ -70,7 +79,7 @@ fn check_event(texts: &Texts<'_>, event: &Node, path: &str) -> Result<(), Scenar
     if let Some(name) = ["at_s"].iter().chain(*needed).find(|name| !table.contains_key(**name)) {
         return Err(texts.fault(&event.place, path, format!("`{path}`: {sort} = \"{kind}\" needs `{name}`")));
     }
-    let lasts = sort == "fault" || *kind == "hold";
+    let lasts = sort == "fault" || matches!(*kind, "hold" | "release");
     let is_allowed = |name: &str| {
         name == "at_s"
             || name == sort

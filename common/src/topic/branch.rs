@@ -3,7 +3,7 @@
 //! A swarm that flies alone has all of it. A team of a fleet has the keys below `team/N/`, so that one key expression
 //! covers all messages of a team, one all messages of a vehicle, and one all states of a cell, whatever the team.
 
-use super::{Cell, Topic};
+use super::{Cell, Topic, number};
 use crate::id::{TeamId, VehicleId, VehicleName};
 
 /// First part of the keys of a team.
@@ -50,7 +50,7 @@ impl Branch {
     pub fn parse(key: &str) -> Option<(Self, Topic)> {
         let Some(rest) = key.strip_prefix(TEAM) else { return Some((Self::SWARM, Topic::parse(key)?)) };
         let (team, rest) = rest.split_once('/')?;
-        Some((Self(Some(team.parse().ok()?)), Topic::parse(rest)?))
+        Some((Self(Some(number(team)?)), Topic::parse(rest)?))
     }
 
     /// Parses a key of this swarm; `None` if it belongs to another one.
@@ -84,7 +84,14 @@ mod tests {
         assert_eq!(branch.all(all::MISSIONS), "team/3/vehicle/*/mission");
         assert_eq!(all_in(Cell { x: -1, y: 2 }), "team/*/vehicle/*/cell/-1/2/*");
         assert_eq!(branch.name(id).to_string(), "3/7");
-        for key in ["team", "team/3", "team/0/vehicle/7/alive", "team/x/vehicle/7/alive", "team/3/team/3/order/1"] {
+        for key in [
+            "team",
+            "team/3",
+            "team/0/vehicle/7/alive",
+            "team/x/vehicle/7/alive",
+            "team/3/team/3/order/1",
+            "team/+3/order/1",
+        ] {
             assert_eq!(Branch::parse(key), None, "{key}");
         }
     }

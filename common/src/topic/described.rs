@@ -20,7 +20,7 @@ pub struct TopicDescription {
 }
 
 /// Descriptions of all kinds of messages, in the order of [`Topic`](super::Topic).
-pub const TOPIC_DESCRIPTIONS: [TopicDescription; 9] = [
+pub const TOPIC_DESCRIPTIONS: [TopicDescription; 10] = [
     TopicDescription {
         key: "vehicle/N/cell/X/Y/state",
         message: Some("State"),
@@ -80,6 +80,14 @@ pub const TOPIC_DESCRIPTIONS: [TopicDescription; 9] = [
         delivery: "put, priority data-low, dropped on congestion",
     },
     TopicDescription {
+        key: "vehicle/N/summary",
+        message: Some("Summary"),
+        sender: "agent of vehicle N",
+        receivers: "`skein view`, ground stations and scripts",
+        when: "at most ten times a second, while a process subscribes to it",
+        delivery: "put, priority data, dropped on congestion; JSON",
+    },
+    TopicDescription {
         key: "vehicle/N/clock",
         message: Some("ClockAnswer"),
         sender: "agent of vehicle N",
@@ -92,7 +100,7 @@ pub const TOPIC_DESCRIPTIONS: [TopicDescription; 9] = [
         key: "order/ISSUER",
         message: Some("Order"),
         sender: "operator's process: `skein order`, `skein fly`, `skein cluster`",
-        receivers: "all agents, which repeat the newest order in `Heartbeat.order`",
+        receivers: "all agents, which repeat the orders that they know in `Heartbeat.order`, each in turn",
         when: "on an operator's order, again until the swarm has taken it",
         delivery: "put, priority real-time, express, dropped on congestion",
     },
@@ -115,6 +123,7 @@ mod tests {
             Topic::Mission(id),
             Topic::Event(id),
             Topic::Trace(id),
+            Topic::Summary(id),
             Topic::Clock(id),
             Topic::Order(12),
         ];

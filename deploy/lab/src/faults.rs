@@ -9,9 +9,9 @@ use std::ops::Range;
 use schemars::JsonSchema;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Verb;
-use skein_common::scenario::{self, EventAction, Fault, ScriptedEvent, Servo};
+use skein_common::scenario::{EventAction, Fault, ScriptedEvent, ScriptedVerb, Servo};
 use skein_core::impairments::{delays, lasting, silences, union};
 
 /// The scenario's name of a failure, such as `engine_out`.
@@ -160,14 +160,27 @@ pub fn control_kills(events: &[ScriptedEvent]) -> Vec<Range<f64>> {
     union(kills.map(lasting))
 }
 
-/// The operator's orders, each at its time, s after the first take-off. A hold ends with a `goto`; no other order has
-/// an end.
-pub fn orders(events: &[ScriptedEvent]) -> Vec<(f64, Verb)> {
-    let verbs = events.iter().filter_map(|event| match &event.what {
-        EventAction::Order(order) => Some([(event.at_s, verb(*order)), (lasting(event).end, Verb::Goto(0))]),
+/// An order of the scenario's operator: the action, and the vehicles that it names; `None` for the whole swarm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OperatorOrder {
+    /// The action.
+    pub verb: Verb,
+    /// The vehicles that the order names.
+    pub vehicles: Option<VehicleSet>,
+}
+
+/// The operator's orders, each at its time, s after the first take-off. An order that lasts for a time ends with a `goto`
+/// to the same vehicles; one without a duration has no end.
+pub fn orders(events: &[ScriptedEvent]) -> Vec<(f64, OperatorOrder)> {
+    let orders = events.iter().filter_map(|event| match &event.what {
+        EventAction::Order(order) => {
+            let vehicles = order.vehicles.as_ref().map(|ids| ids.iter().copied().collect());
+            let given = |verb| OperatorOrder { verb, vehicles };
+            Some([(event.at_s, given(verb(order.verb))), (lasting(event).end, given(Verb::Goto(0)))])
+        }
         EventAction::Fault(_) => None,
     });
-    verbs.flatten().collect()
+    orders.flatten().collect()
 }
 
 /// The scenario's name of a simulator that freezes.
@@ -200,12 +213,14 @@ pub fn failure_of(fault: &Fault) -> Option<(VehicleId, FailureName)> {
     }
 }
 
-fn verb(order: scenario::ScriptedOrder) -> Verb {
+fn verb(order: ScriptedVerb) -> Verb {
     match order {
-        scenario::ScriptedOrder::Hold => Verb::Hold,
-        scenario::ScriptedOrder::Goto { step } => Verb::Goto(u32::try_from(step).unwrap_or(u32::MAX)),
-        scenario::ScriptedOrder::Land => Verb::Land,
-        scenario::ScriptedOrder::Abort => Verb::Abort,
+        ScriptedVerb::Hold => Verb::Hold,
+        ScriptedVerb::Goto { step } => Verb::Goto(u32::try_from(step).unwrap_or(u32::MAX)),
+        ScriptedVerb::Land => Verb::Land,
+        ScriptedVerb::Abort => Verb::Abort,
+        ScriptedVerb::Release => Verb::Release,
+        ScriptedVerb::Set(setting) => Verb::Set(setting),
     }
 }
 

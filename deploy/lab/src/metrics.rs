@@ -53,6 +53,7 @@ pub mod figures;
 mod fleet;
 mod flock;
 mod graph;
+pub mod limits;
 mod measured;
 mod membership;
 mod mission;
@@ -76,6 +77,7 @@ use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Target, Verti
 
 use crate::faults::InjectedFault;
 use ages::{AgeHistogram, AgeSampling};
+pub(crate) use crashes::CrashDetector;
 use crashes::Crashes;
 pub use figures::{Direction, WALL_CLOCK_KEYS};
 pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};

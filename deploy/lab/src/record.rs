@@ -29,12 +29,14 @@
 //! end of the window, the reader refuses the file, and so it does for every file repaired or merged from it: without the window
 //! no step has a time.
 
+mod channels;
 mod copy;
 mod csv;
 mod draft;
 mod fleet;
 mod format;
 mod merge;
+mod player;
 mod reader;
 mod repair;
 mod scan;
@@ -48,11 +50,13 @@ use std::time::Duration;
 use mcap::McapError;
 use skein_common::scenario::ScenarioError;
 
+pub use channels::{Channels, Sink};
 pub use csv::csv;
 pub(crate) use draft::Draft;
 pub use fleet::{FLEET_FILE, FleetWriter, TeamPlaces, VehiclePlace, read_fleet};
 pub(crate) use format::log_time_ns;
 pub use merge::merge;
+pub use player::{PlayedEvent, PlayedPlace, Player, Replay};
 pub use reader::read;
 pub use repair::{Repaired, repair};
 pub use writer::{RecordingInfo, Writer};
@@ -82,9 +86,23 @@ pub enum RecordError {
     /// The file has the format of another version of Skein.
     #[error("the recording has format {0}; this program reads format {format}", format = format::FORMAT)]
     Format(String),
+    /// Another release of Skein recorded the file in a way that this one does not read.
+    #[error("{error}; Skein {release} recorded it: read it with that release, because this one is {own}", own = crate::VERSION)]
+    OtherRelease {
+        /// The release that recorded the file.
+        release: String,
+        /// What this release does not read.
+        error: Box<RecordError>,
+    },
     /// The scenario in the file is invalid for this program.
     #[error("the scenario in the recording cannot be read: {0}")]
     Scenario(Box<ScenarioError>),
+    /// The file has no index.
+    #[error("cut off before its end; `skein record --repair` makes a whole file of it")]
+    NoIndex,
+    /// The file is damaged.
+    #[error("damaged: {0}; `skein record --repair` makes a whole file of what is left")]
+    Unreadable(String),
     /// A message in the file does not decode.
     #[error("a message on {topic} cannot be read: {what}")]
     Message {
@@ -107,6 +125,16 @@ pub enum RecordError {
 }
 
 impl RecordError {
+    /// Adds the release that recorded the file, if it is another one and what it wrote cannot be read here.
+    fn recorded_by(self, release: &str) -> Self {
+        match self {
+            Self::Format(_) | Self::Scenario(_) | Self::Message { .. } if release != crate::VERSION => {
+                Self::OtherRelease { release: release.to_owned(), error: Box::new(self) }
+            }
+            error => error,
+        }
+    }
+
     /// Adds the name of the file that was read, unless the error has it already.
     fn reading(self, path: &Path) -> Self {
         match self {

@@ -6,11 +6,15 @@ pub mod flight;
 pub mod page;
 mod scenarios;
 mod study;
+mod tables;
+pub mod verdict;
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::compare::folder::Folder;
 use crate::error::Error;
+use crate::metrics::Measured;
 use crate::out;
 use crate::record;
 use crate::recording::Recording;
@@ -52,12 +56,17 @@ pub fn run(ReportArgs { of, out, csv }: &ReportArgs) -> Result<(), Error> {
 fn page(of: &Path) -> Result<Page, Error> {
     if of.is_file() {
         if let Some(section) = fleet::of_file(of, stem(of))? {
-            return Ok(Page { title: stem(of), about: of.display().to_string(), sections: vec![section] });
+            let about = of.display().to_string();
+            return Ok(Page { title: stem(of), about, verdict: Vec::new(), sections: vec![section] });
         }
         let (recording, title) = recording(of)?;
         let about = flight::subject(&recording.run);
-        let section = Section { title: "The flight".to_owned(), name: stem(of), parts: flight_parts(&recording) };
-        return Ok(Page { title, about, sections: vec![section] });
+        let measured = figures_beside(of);
+        let verdict = verdict::of_flight(&recording, measured.as_ref());
+        let mut parts = flight_parts(&recording);
+        parts.extend(measured.as_ref().map(tables::of_run));
+        let section = Section { title: "The flight".to_owned(), name: stem(of), parts };
+        return Ok(Page { title, about, verdict, sections: vec![section] });
     }
     let scenarios = scenarios::in_folder(of)?;
     // The folder of a run also contains a scenario.
@@ -65,6 +74,13 @@ fn page(of: &Path) -> Result<Page, Error> {
         return study::page(&Folder::read(of)?);
     }
     scenarios::page(of, &scenarios)
+}
+
+/// The figures of a recording in the folder of its run; `None` for a recording that lies elsewhere.
+fn figures_beside(recording: &Path) -> Option<Measured> {
+    let is_of_run = recording.file_name().is_some_and(|name| name == record::FILE);
+    let text = is_of_run.then(|| fs::read_to_string(recording.with_file_name("metrics.json")).ok())??;
+    Measured::read(&text).ok()
 }
 
 /// Finds all recordings at this path, each with a name.

@@ -11,6 +11,7 @@ use skein_core::control::Rules;
 use skein_core::formation;
 use skein_core::helicopter::Start;
 use skein_core::start::starts;
+use skein_core::tuning;
 use skein_host::external;
 use skein_host::files::{self, FileError};
 
@@ -106,6 +107,10 @@ impl ScenarioArgs {
     pub fn ready(&self, scenario: &Scenario) -> Result<Ready, Error> {
         let refused = |why: String| Error::Refused(format!("{}: {why}", self.name()));
         formation::check(scenario).map_err(|error| refused(error.to_string()))?;
+        formation::check_airspace(scenario).map_err(|error| refused(error.to_string()))?;
+        scenario.check_scripted_settings(|tuned| tuning::check(scenario, tuned)).map_err(|(index, setting, why)| {
+            refused(format!("mission.events[{index}]: {setting} cannot be flown: {why}"))
+        })?;
         external::LawTransport::of(scenario).map_err(|error| refused(error.to_string()))?;
         let (mut aircraft, mut aircraft_files) = (Vec::new(), BTreeMap::new());
         for vehicle in &scenario.vehicle {
@@ -114,7 +119,7 @@ impl ScenarioArgs {
             aircraft_files.insert(vehicle.aircraft.clone(), text);
         }
         let rules = files::rules(&scenario.control.rules, self.folder());
-        let rules = rules.map_err(|error| refused(format!("control.rules: {error}")))?;
+        let (rules, _) = rules.map_err(|error| refused(format!("control.rules: {error}")))?;
         let starts = starts(scenario).map_err(|error| refused(error.to_string()))?;
         Ok(Ready { starts, aircraft, aircraft_files, rules })
     }
@@ -284,8 +289,8 @@ mod tests {
             uneven.contains("`formation.olfati_saber.action_a` is 6, but may not be above `action_b`, 5"),
             "{uneven}"
         );
-        let unknown = refused(&["vehicle.3.aircraft=r22"]);
-        assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r22\" (cannot read r22.toml"), "{unknown}");
+        let unknown = refused(&["vehicle.3.aircraft=r66"]);
+        assert!(unknown.starts_with("hover.toml: vehicle 3: no aircraft \"r66\" (cannot read r66.toml"), "{unknown}");
         assert!(unknown.ends_with("the program includes xcell60"), "{unknown}");
     }
 

@@ -7,6 +7,7 @@ mod batch;
 mod command;
 mod fleet;
 mod flight;
+pub mod flights;
 pub mod plan;
 mod planned;
 mod progress;
@@ -39,6 +40,7 @@ pub use planned::{Progress, fly_planned};
 pub use recorded::{RecordRunError, record_run};
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;
+pub(crate) use verdict::{achievements, failures, list};
 
 /// Virtual time after which joining has failed, s.
 const JOIN_LIMIT_S: f64 = 60.0;

@@ -200,8 +200,9 @@ impl World {
             intents.extend(outbox.intent.map(|intent| through_wire(&*intent)));
             events.add(id, outbox.happened);
         });
-        for vehicle in vehicles.iter_mut().filter(|vehicle| vehicle.pilot.is_some()) {
-            vehicle.command = vehicle.pilot.map(Command::Controls);
+        for vehicle in vehicles.iter_mut() {
+            let by_human = vehicle.human.fly(vehicle.command, || vehicle.plant.frame());
+            vehicle.moved_by = vehicle.pilot.map(Command::Controls).or(by_human);
         }
         self.arriving.clear();
         self.strangers.clear();
@@ -309,7 +310,7 @@ impl World {
 
     /// Every vehicle: its agent if one runs, the ground truth of the last frame, and the controls of a helicopter.
     pub fn all_vehicles(&self) -> impl Iterator<Item = (VehicleId, Option<&Agent>, &GroundTruth, Option<Controls>)> {
-        let controls = |vehicle: &Vehicle| vehicle.command.and_then(Command::controls);
+        let controls = |vehicle: &Vehicle| vehicle.moved_by.and_then(Command::controls);
         self.vehicles.iter().map(move |vehicle| (vehicle.id, vehicle.agent(), &vehicle.truth, controls(vehicle)))
     }
 
@@ -404,11 +405,10 @@ impl World {
     }
 
     fn send_orders(&mut self, t_s: f64) {
-        let repeats =
-            |vehicle: &Vehicle, order| vehicle.heartbeat.is_some_and(|heartbeat| heartbeat.order >= Some(order));
-        let living = self.vehicles.iter().filter(|vehicle| vehicle.station.is_some());
-        let order = self.operator.order_to_send(t_s, |order| living.clone().all(|vehicle| repeats(vehicle, *order)));
-        self.in_flight.extend(order.map(|order| PeerMessage::Order(through_wire(&order))));
+        let living = self.vehicles.iter().filter_map(Vehicle::agent);
+        let orders =
+            self.operator.orders_to_send(t_s, |order| living.clone().all(|agent| agent.orders().contain(order)));
+        self.in_flight.extend(orders.iter().map(|order| PeerMessage::Order(through_wire(order))));
     }
 
     fn end(&mut self, index: usize) {
@@ -448,10 +448,10 @@ impl World {
 /// the way.
 fn plants(vehicles: &mut [Vehicle]) -> impl Iterator<Item = (&mut BuiltInVehicle, Option<Controls>)> {
     let moving = vehicles.iter_mut().filter(|vehicle| !vehicle.simulator_frozen);
-    moving.filter_map(|Vehicle { plant, command, .. }| match plant {
-        BuiltInPlant::Helicopter(helicopter) => Some((&mut **helicopter, command.and_then(Command::controls))),
+    moving.filter_map(|Vehicle { plant, moved_by, .. }| match plant {
+        BuiltInPlant::Helicopter(helicopter) => Some((&mut **helicopter, moved_by.and_then(Command::controls))),
         BuiltInPlant::PointMass(_) => {
-            plant.advance(*command);
+            plant.advance(*moved_by);
             None
         }
     })

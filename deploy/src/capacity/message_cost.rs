@@ -11,7 +11,7 @@ use serde::Serialize;
 use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::{Link, Security, Sessions, Trust};
 use skein_common::frame::{Geodetic, Origin, PositionNed, VelocityNed};
-use skein_common::id::{Incarnation, SwarmName, VehicleId};
+use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{self, Echo, Header, Heartbeat, State};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::topic::Cell;
@@ -226,7 +226,9 @@ impl LinkEnd {
             reached: Some(0),
             progress_m: 0.0,
             order: None,
+            orders: 0,
             echo,
+            lost: VehicleSet::default(),
         };
         self.link.publish_mission(&heartbeat);
         message::encode(&heartbeat).len()

@@ -8,6 +8,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde_json::json;
+use skein_agent::plant::xplane::client::RANDOM_FAILURES;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::scenario::Scenario;
 use skein_core::aircraft::Profile;
@@ -20,6 +21,7 @@ use crate::new::discover;
 use crate::os;
 use crate::place;
 use crate::simulators::HostPort;
+use crate::simulators::reset::CRASHED;
 use crate::simulators::survey::{SILENT, Survey, Surveyor};
 use crate::simulators::web::WebChoice;
 
@@ -44,10 +46,6 @@ const PAUSED: &str = "sim/time/paused";
 const REPLAY: &str = "sim/time/is_in_replay";
 const SPEED: &str = "sim/time/sim_speed_actual";
 const PERIOD: &str = "sim/operation/misc/frame_rate_period";
-const CRASHED: &str = "sim/flightmodel2/misc/has_crashed";
-/// The name in versions since 12, and the misspelt one before.
-const RANDOM_FAILURES: [&str; 2] =
-    ["sim/operation/failures/enable_random_failures", "sim/operation/failures/enable_random_falures"];
 
 fn path_element(nth: usize) -> String {
     format!("sim/aircraft/view/acf_relative_path[{nth}]")
@@ -68,7 +66,7 @@ pub(super) struct LookedAt<'a> {
 /// # Errors
 /// If a fault prevents a flight, or the report cannot be written.
 pub(super) fn run(xplane: &HostPort, looked_at: &LookedAt<'_>, json: bool, report: Option<&Path>) -> Result<(), Error> {
-    let address = format!("{}:{}", xplane.host, xplane.port);
+    let address = xplane.to_string();
     let surveyor = Surveyor::open(&address)?;
     let lines = lines(&address, &surveyor, looked_at)?;
     if let Some(path) = report {
@@ -93,6 +91,7 @@ fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<V
         lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator().port(), heard)));
         lines.push(frames(place, &survey));
         lines.extend(states(place, &survey));
+        lines.push(random_failures(place, &survey, scenario.is_some_and(|scenario| scenario.plant.random_failures)));
         lines.push(aircraft(place, &survey, profile, web.aircraft()));
         lines.extend(datarefs(place, &survey, profile));
         lines.push(rotor(place, &survey, profile));
@@ -155,7 +154,9 @@ fn announces(place: &str, port: u16, heard: Result<Vec<discover::FoundXPlane>, E
     match heard {
         Err(error) => Line::new(place, "beacon", error.to_string()).unknown(),
         Ok(found) => match found.iter().find(|found| found.port == port) {
-            Some(found) => Line::new(place, "beacon", format!("{} on {}", found.version, found.computer)),
+            Some(found) => {
+                Line::new(place, "beacon", format!("{} on {}{}", found.version, found.computer, found.over()))
+            }
             None => {
                 Line::new(place, "beacon", "not received; needed only to find X-Planes without an address").unknown()
             }
@@ -215,12 +216,24 @@ fn states(place: &str, survey: &Survey) -> Vec<Line> {
         Some(speed) => Line::new(place, "speed", format!("{speed:.2} times real time"))
             .warning("X-Plane slows its time below 19 frames a second, and its settings can: set real time"),
     });
-    lines.push(match RANDOM_FAILURES.iter().find_map(|path| survey.value(path)) {
-        None => Line::new(place, "random failures", "not answered").unknown(),
-        Some(0.0) => Line::new(place, "random failures", "off"),
-        Some(_) => Line::new(place, "random failures", "on").warning("turn them off: Aircraft, Failures"),
-    });
     lines
+}
+
+/// Whether random failures are on if they are wanted, and off if they are not.
+fn random_failures(place: &str, survey: &Survey, are_wanted: bool) -> Line {
+    let line = |found: &str| Line::new(place, "random failures", found);
+    let values = RANDOM_FAILURES.iter().filter_map(|path| survey.value(path));
+    match (values.map(|value| value != 0.0).reduce(|one, other| one || other), are_wanted) {
+        (None, _) => line("not answered").unknown(),
+        (Some(false), false) => line("off"),
+        (Some(true), true) => line("on, as plant.random_failures wants"),
+        (Some(true), false) => line("on").warning(
+            "turn them off: Aircraft, Failures; or state in the scenario that they are wanted: plant.random_failures",
+        ),
+        (Some(false), true) => {
+            line("off, but plant.random_failures wants them").warning("turn them on: Aircraft, Failures")
+        }
+    }
 }
 
 /// The file of the aircraft that is loaded, and whether it is the one that the profile is for.

@@ -141,7 +141,8 @@ fn check_all(inventory: &Inventory, file: &str) -> Vec<Line> {
     lines
 }
 
-fn as_table(lines: &[Line]) -> String {
+/// The lines as a table that names where each was checked.
+pub(crate) fn as_table(lines: &[Line]) -> String {
     let row = |line: &Line| {
         let cells =
             [&*line.place, line.what, line.state.label(), &line.found, line.remedy.as_deref().unwrap_or_default()];

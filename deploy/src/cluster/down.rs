@@ -182,7 +182,7 @@ fn order_to_land(watch: &mut Watch, reaches: &[Reach], line: &ProgressLine<'_>) 
     let results: Vec<Result<_, Error>> = thread::scope(|scope| {
         let land = |observer: &mut Observer| {
             let order = order::new_order(observer, Verb::Land);
-            let (taken, unresponsive) = order::distribute(observer, &order)?;
+            let (taken, unresponsive) = order::distribute(observer, std::slice::from_ref(&order))?;
             let named = |ids: Vec<VehicleId>| ids.into_iter().map(|id| observer.branch().name(id)).collect::<Vec<_>>();
             Ok((named(taken), named(unresponsive)))
         };

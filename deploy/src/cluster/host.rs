@@ -21,6 +21,7 @@ mod process;
 mod service;
 mod supervisor;
 mod systemd;
+mod watchdog;
 
 use std::io::{self, Read};
 use std::process::ExitCode;

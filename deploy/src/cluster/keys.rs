@@ -1,5 +1,5 @@
-//! `skein cluster keys`: creates the swarm's authority and the certificates that it signs: one for each node, one for observers,
-//! one for the operator. The key that signs orders belongs to the operator.
+//! `skein cluster keys`: creates the swarm's authority and the certificates that it signs: two for each node (its vehicle and
+//! its observer), one for the operator's observer, one for the operator. The key that signs orders belongs to the operator.
 //!
 //! A second run changes nothing. A revocation issues the certificate again under another name and with another key. Agents
 //! accept only the names and keys in `names.toml`, so a revocation takes effect with the next `install`.
@@ -8,7 +8,6 @@ use std::path::Path;
 use std::str::FromStr;
 
 use serde_json::json;
-use skein_agent::link::security::PeerIdentity;
 use skein_agent::link::signature::{SigningKey, VerificationKey};
 use time::OffsetDateTime;
 
@@ -30,11 +29,11 @@ pub struct KeysArgs {
     /// The cluster.
     #[command(flatten)]
     pub file: FileArgs,
-    /// Issue certificates anew, under the same names: all of them, a vehicle's, `observer` or `operator`
+    /// Issue certificates anew, under the same names: all of them, those of a vehicle's node, `observer` or `operator`
     #[arg(long, value_name = "WHOSE", num_args = 0..=1, default_missing_value = "all", conflicts_with = "revoke")]
     pub renew: Option<Whose>,
     /// Issue a certificate under a new name and with a new key, so that no message signed with the present one is
-    /// accepted any more; `operator`: also the key that signs orders
+    /// accepted any more; `N`: that of the vehicle and that of its node's observer; `operator`: also the key that signs orders
     #[arg(long, value_name = "N|observer|operator")]
     pub revoke: Option<Whose>,
     /// Print the result as JSON
@@ -47,8 +46,19 @@ pub struct KeysArgs {
 pub enum Whose {
     /// All certificates.
     All,
-    /// The certificate of one role.
+    /// The certificate of one role; with a vehicle's also that of its node's observer.
     One(Role),
+}
+
+impl Whose {
+    /// Whether the certificate of this role is one of them.
+    fn includes(self, role: Role) -> bool {
+        match (self, role) {
+            (Self::All, _) => true,
+            (Self::One(Role::Vehicle(id)), Role::NodeObserver(node)) => id == node,
+            (Self::One(one), role) => one == role,
+        }
+    }
 }
 
 impl FromStr for Whose {
@@ -138,15 +148,12 @@ pub(crate) fn make(
     let folder = Folder(inventory.keys.clone());
     folder.check_private()?;
     os::private_folder(&folder.0).map_err(|error| Error::Refused(error.to_string()))?;
-    let revoked = match revoke {
-        Some(Whose::All) => {
-            let why = "--revoke all is not possible: to start again, move the folder of keys away, then run `skein cluster keys`";
-            return Err(Error::Refused(why.to_owned()));
-        }
-        Some(Whose::One(role)) => Some(role),
-        None => None,
-    };
-    Maker { inventory, folder, now }.make(renew, revoked)
+    if revoke == Some(Whose::All) {
+        let why =
+            "--revoke all is not possible: to start again, move the folder of keys away, then run `skein cluster keys`";
+        return Err(Error::Refused(why.to_owned()));
+    }
+    Maker { inventory, folder, now }.make(renew, revoke)
 }
 
 /// Creates the keys of a cluster at a given time.
@@ -159,36 +166,36 @@ struct Maker<'a> {
 impl Maker<'_> {
     /// Creates the keys in an order that survives a crash: first a key, then the valid name and public key, then the
     /// certificate that contains both. The next run finds and repairs what a crash has left.
-    fn make(&self, renew: Option<Whose>, revoked: Option<Role>) -> Result<Vec<KeyFileLine>, Error> {
+    fn make(&self, renew: Option<Whose>, revoke: Option<Whose>) -> Result<Vec<KeyFileLine>, Error> {
         let (authority, authority_line) = self.authority()?;
-        let orders_line = self.orders(revoked == Some(Role::Operator))?;
+        let is_revoked = |role| revoke.is_some_and(|whose| whose.includes(role));
+        let orders_line = self.orders(is_revoked(Role::Operator))?;
         let mut names = match self.folder.names()? {
             Some(names) => names,
             None => self.folder.shown_names()?,
         };
+        // Earlier versions gave the operator's observer's key to every node.
+        let was_shared = names.observers.is_empty() && !names.observer.is_empty();
+        let replaced = |role| match role {
+            role if is_revoked(role) => Some("revoked"),
+            Role::Observer if was_shared => Some("every node had its key"),
+            _ => None,
+        };
         for role in roles(self.inventory) {
-            let key = self.key(&key_file(role), revoked == Some(role))?;
+            let key = self.key(&key_file(role), replaced(role).is_some())?;
             let name = match name_of(&names, role) {
                 "" => folder::stem(role),
-                name if revoked == Some(role) => next_name(name),
+                name if replaced(role).is_some() => next_name(name),
                 name => name.to_owned(),
             };
-            match role {
-                Role::Vehicle(id) => _ = names.vehicles.insert(id, PeerIdentity { name, key }),
-                Role::Observer => names.observer = name,
-                Role::Operator => names.operator = name,
-            }
+            names.set(role, name, key);
         }
         self.write_if_new(NAMES, &names.to_toml())?;
         let mut lines = vec![authority_line];
         for role in roles(self.inventory) {
             let certificate_spec = certificate_spec(self.inventory, &names, role);
-            let asked = match renew {
-                Some(Whose::All) => true,
-                Some(Whose::One(one)) => one == role,
-                None => false,
-            };
-            lines.push(self.certificate(&authority, &certificate_spec, asked, revoked == Some(role))?);
+            let asked = renew.is_some_and(|whose| whose.includes(role));
+            lines.push(self.certificate(&authority, &certificate_spec, asked, replaced(role))?);
         }
         lines.push(orders_line);
         Ok(lines)
@@ -230,7 +237,7 @@ impl Maker<'_> {
                 let pair = certificate::Pair { certificate, key };
                 match Authority::unfit(&pair, self.now) {
                     None => (Authority::read(&pair).map_err(|e| self.bad(AUTHORITY, &e))?, None, None),
-                    Some(why @ (Unfit::Expiring | Unfit::Expired)) => {
+                    Some(why @ (Unfit::Expiring | Unfit::ExpiringToday | Unfit::Expired)) => {
                         let renewed = Authority::renewed(swarm, &pair.key, self.now);
                         let (authority, pair) = renewed.map_err(|e| self.bad(AUTHORITY_KEY, &e))?;
                         (authority, Some(pair), Some(format!("issued again: {why}")))
@@ -283,16 +290,18 @@ impl Maker<'_> {
         authority: &Authority,
         certificate_spec: &CertificateSpec<'_>,
         asked: bool,
-        revoked: bool,
+        replaced: Option<&str>,
     ) -> Result<KeyFileLine, Error> {
         let (certificate, key) = (certificate_file(certificate_spec.role), key_file(certificate_spec.role));
         let there = self.folder.pair(&certificate, &key)?;
         let unfit = there.as_ref().map(|pair| unfit(pair, certificate_spec, authority.certificate(), self.now));
         let done = match unfit {
             None => Some("made".to_owned()),
-            Some(_) if revoked => Some("issued again: revoked".to_owned()),
-            Some(Some(why)) => Some(format!("issued again: {why}")),
-            Some(None) => asked.then(|| "issued again".to_owned()),
+            Some(unfit) => match (replaced, unfit) {
+                (Some(why), _) => Some(format!("issued again: {why}")),
+                (None, Some(why)) => Some(format!("issued again: {why}")),
+                (None, None) => asked.then(|| "issued again".to_owned()),
+            },
         };
         let certificate = match there.filter(|_| done.is_none()) {
             Some(pair) => pair.certificate,
@@ -333,7 +342,8 @@ fn next_name(name: &str) -> String {
 fn who(role: Role) -> String {
     match role {
         Role::Vehicle(id) => format!("node {id}"),
-        Role::Observer => "observers".to_owned(),
+        Role::Observer => "observer".to_owned(),
+        Role::NodeObserver(id) => format!("observer at node {id}"),
         Role::Operator => "operator".to_owned(),
     }
 }

@@ -1,5 +1,5 @@
-//! `skein cluster status`: shows the status of every node, as the vehicles report it. Any computer with the observers'
-//! keys can ask: the operator's PC, or a node with its own cluster file.
+//! The status of a swarm on this PC or on a cluster, as the vehicles report it: `skein status` and `skein cluster status`.
+//! Any computer with the observers' keys can ask: the operator's PC, or a node with its own cluster file.
 
 mod table;
 
@@ -9,16 +9,17 @@ use std::time::{Duration, Instant};
 use crate::explain::columns;
 use crate::keys::Role;
 use serde::Serialize;
-use skein_common::id::{TeamId, VehicleName};
-use skein_common::message::Health;
+use skein_common::id::{SwarmName, TeamId, VehicleName};
+use skein_common::message::{Health, SimulatorFault};
 use skein_common::printable::printable;
 use skein_common::state::{Activity, PeerStatus};
 
 use super::FileArgs;
 use super::clocks::ahead_of_swarm;
 use super::nodes;
-use crate::inventory::{Inventory, Node};
+use crate::inventory::Inventory;
 use crate::observe::{Observers, TraceSubscription};
+use crate::reach::Place;
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
@@ -37,16 +38,53 @@ pub(crate) const CLOCK_S: f64 = 0.020;
 /// `skein cluster status`
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:\n  skein cluster status\n  skein cluster status -f cluster.toml --watch")]
-pub struct StatusArgs {
+pub struct ClusterStatusArgs {
     /// The cluster.
     #[command(flatten)]
     pub file: FileArgs,
+    /// How to show it.
+    #[command(flatten)]
+    pub shown: ShownArgs,
+}
+
+/// Options of a command that shows the status.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct ShownArgs {
     /// Show it again every second, until Ctrl-C
     #[arg(short, long)]
     pub watch: bool,
     /// Print the result as JSON; with --watch a line a second
     #[arg(long)]
     pub json: bool,
+}
+
+/// A node that there should be.
+#[derive(Clone, Debug)]
+struct ListedNode {
+    id: VehicleName,
+    host: Option<String>,
+    endpoint: String,
+}
+
+/// The nodes of a swarm, in the order of ids.
+fn listed(place: &Place) -> Vec<ListedNode> {
+    match place {
+        Place::Here(there) => {
+            let node = |(id, endpoint): (&VehicleName, &String)| ListedNode {
+                id: *id,
+                host: None,
+                endpoint: endpoint.clone(),
+            };
+            there.agents.iter().map(node).collect()
+        }
+        Place::Cluster(inventory) => {
+            let nodes = inventory.nodes.iter().map(|(id, node)| {
+                let endpoint = node.endpoint(inventory.security);
+                ListedNode { id: *id, host: node.host.clone(), endpoint }
+            });
+            nodes.collect()
+        }
+    }
 }
 
 /// Status of the nodes of a swarm.
@@ -104,8 +142,10 @@ pub struct HealthReport {
     pub clock_bound_ms: Option<f64>,
     /// Whether the offset exceeds 20 ms by more than its bound.
     pub clock_is_off: bool,
-    /// Failures of the vehicle.
+    /// Failures of the vehicle, and faults of its simulator's set-up.
     pub faults: Vec<String>,
+    /// What would be a fault of its simulator's set-up, if the scenario did not ask for it.
+    pub wanted: Vec<String>,
     /// Number of its links with other agents and with observers.
     pub links: u32,
     /// Messages that it publishes, a second, on average since its start.
@@ -139,21 +179,21 @@ impl SwarmStatus {
         self.nodes.iter().all(|node| node.report.as_ref().is_some_and(|report| report.faults.is_empty()))
     }
 
-    /// Determines the status of this cluster from the received messages.
-    fn of(inventory: &Inventory, observer: &Observers, now: Instant) -> Self {
-        let node = |(id, node): (&VehicleName, &Node)| {
-            let peers = inventory.nodes.keys().filter(|other| other.team == id.team).count() - 1;
+    /// Determines the status of these nodes from the received messages.
+    fn of(swarm: &SwarmName, listed: &[ListedNode], observer: &Observers, now: Instant) -> Self {
+        let node = |ListedNode { id, host, endpoint }: &ListedNode| {
+            let peers = listed.iter().filter(|other| other.id.team == id.team).count() - 1;
             let health = observer.health_of(*id).filter(|(_, at)| now.saturating_duration_since(*at) < SILENT);
             NodeStatus {
                 id: *id,
                 team: id.team,
-                host: node.host.clone(),
-                endpoint: node.endpoint(inventory.security),
+                host: host.clone(),
+                endpoint: endpoint.clone(),
                 report: health.map(|(health, _)| HealthReport::of(health, peers)),
                 why: if health.is_some() { None } else { stray(observer, *id) },
             }
         };
-        Self { swarm: inventory.swarm.to_string(), nodes: inventory.nodes.iter().map(node).collect() }
+        Self { swarm: swarm.to_string(), nodes: listed.iter().map(node).collect() }
     }
 }
 
@@ -173,6 +213,10 @@ impl HealthReport {
         let delays_ms: Option<Vec<f64>> = received.clone().map(|peer| Some(peer.delay_s? * 1e3)).collect();
         let clock = ahead_of_swarm(&health.peers);
         let per_s = |count: u64| count as f64 / health.uptime_s.max(1.0);
+        let failures = health.failures.iter().map(ToString::to_string);
+        let (wanted, simulator): (Vec<SimulatorFault>, Vec<_>) =
+            health.simulator_faults.iter().partition(|fault| fault.is_wanted());
+        let text = |fault: SimulatorFault| fault.to_string();
         let blind = (health.activity == Activity::Blind).then(|| "receives no data from its simulator".to_owned());
         Self {
             version: printable(&health.version, Health::MAX_VERSION),
@@ -187,7 +231,8 @@ impl HealthReport {
             clock_offset_ms: clock.map(|clock| clock.offset_s * 1e3),
             clock_bound_ms: clock.map(|clock| clock.bound_s * 1e3),
             clock_is_off: clock.is_some_and(|clock| clock.offset_s.abs() - clock.bound_s > CLOCK_S),
-            faults: health.failures.iter().map(ToString::to_string).chain(blind).collect(),
+            faults: failures.chain(simulator.into_iter().map(text)).chain(blind).collect(),
+            wanted: wanted.into_iter().map(text).collect(),
             links: health.links,
             sent_per_s: per_s(health.sent.messages),
             received_per_s: per_s(health.received.messages),
@@ -207,22 +252,29 @@ impl HealthReport {
     }
 }
 
+/// Prints the status of every node of a cluster.
+///
+/// # Errors
+/// As [`status`].
+pub fn run(args: &ClusterStatusArgs) -> Result<(), Error> {
+    status(&Place::Cluster(Box::new(Inventory::read(&args.file.path())?)), args.shown)
+}
+
 /// Prints the status of every node.
 ///
 /// # Errors
 /// If the swarm cannot be observed, a node does not report, or one is faulty.
-pub fn run(args: &StatusArgs) -> Result<(), Error> {
-    let path = args.file.path();
-    let inventory = Inventory::read(&path)?;
-    let mut observer = Observers::open(&inventory.reaches(Role::Observer)?, TraceSubscription::Off)?;
-    let file = path.display().to_string();
+pub fn status(place: &Place, args: ShownArgs) -> Result<(), Error> {
+    let mut observer = Observers::open(&place.reach_teams(Role::Observer, &[])?, TraceSubscription::Off)?;
+    let listed = listed(place);
+    let remedy = remedy(place);
     let mut until = clock::now() + LISTEN;
     let mut is_first = true;
     loop {
         let early = !args.watch || std::mem::take(&mut is_first);
-        listen(&mut observer, &inventory, until, early);
-        let status = SwarmStatus::of(&inventory, &observer, clock::now());
-        show(&status, &file, args);
+        listen(&mut observer, &listed, until, early);
+        let status = SwarmStatus::of(place.swarm(), &listed, &observer, clock::now());
+        show(&status, &remedy, args);
         if !args.watch {
             return verdict(&status);
         }
@@ -230,11 +282,26 @@ pub fn run(args: &StatusArgs) -> Result<(), Error> {
     }
 }
 
+/// Where the reason is found why a node is not in contact.
+fn remedy(place: &Place) -> String {
+    match place {
+        Place::Here(there) => {
+            let logs =
+                there.branches().into_iter().map(|branch| there.folder(branch).join("agents").display().to_string());
+            format!("the logs of the agents: {}", logs.collect::<Vec<_>>().join(", "))
+        }
+        Place::Cluster(inventory) => {
+            let file = inventory.path.display();
+            format!("`skein check -f {file}` looks why not, `skein cluster logs -f {file}` shows what was written")
+        }
+    }
+}
+
 /// Receives messages until `until`, or if `early` until every node has reported.
-fn listen(observer: &mut Observers, inventory: &Inventory, until: Instant, early: bool) {
+fn listen(observer: &mut Observers, listed: &[ListedNode], until: Instant, early: bool) {
     loop {
         observer.poll();
-        let all = inventory.nodes.keys().all(|id| observer.health_of(*id).is_some());
+        let all = listed.iter().all(|node| observer.health_of(node.id).is_some());
         if clock::now() >= until || early && all {
             return;
         }
@@ -242,12 +309,12 @@ fn listen(observer: &mut Observers, inventory: &Inventory, until: Instant, early
     }
 }
 
-fn show(status: &SwarmStatus, file: &str, args: &StatusArgs) {
+fn show(status: &SwarmStatus, remedy: &str, args: ShownArgs) {
     let is_screen = args.watch && std::io::stdout().is_terminal();
     let text = match (args.json, args.watch) {
         (true, true) => format!("{}\n", serde_json::to_string(status).unwrap_or_default()),
         (true, false) => skein_lab::terminal::json(status),
-        (false, _) => fitted(&table::of(status, file)),
+        (false, _) => fitted(&table::of(status, remedy)),
     };
     if is_screen && !args.json {
         // Clear the screen before the new table.

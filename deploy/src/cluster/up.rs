@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crate::keys::Role;
+use crate::keys::{self, Role};
 use crate::reach::Reach;
 use ring::rand::{SecureRandom, SystemRandom};
 use serde::Serialize;
@@ -82,6 +82,7 @@ enum State {
 /// If the cluster file or the keys are wrong, or not every vehicle is ready in time; the others fly then.
 pub fn run(args: &UpArgs) -> Result<(), Error> {
     let chosen = args.nodes.read()?;
+    keys::check_for_flight(&chosen.inventory, clock::utc())?;
     let ssh = args.nodes.ssh();
     let progress = args.nodes.progress();
     let reaches = chosen.inventory.reaches(Role::Operator)?;

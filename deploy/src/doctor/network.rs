@@ -75,7 +75,8 @@ pub(super) fn beacon(wait: Duration) -> Line {
         }
         Ok(found) => {
             let one = |found: &discover::FoundXPlane| {
-                format!("{} on {} at {}:{}", found.version, found.computer, found.address, found.port)
+                let over = found.over();
+                format!("{} on {} at {}:{}{over}", found.version, found.computer, found.address, found.port)
             };
             line("X-Plane", found.iter().map(one).collect::<Vec<_>>().join(", "))
         }

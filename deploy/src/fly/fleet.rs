@@ -12,11 +12,13 @@ use skein_common::scenario::{Described, RecordRuns, Scenario, TeamInFleet};
 use super::flight::{Flight, FlightResult};
 use super::launch::{Site, prepare_site};
 use super::plan::Plans;
-use super::screen::Screen;
-use super::status::{self, FlightStatus};
 use super::stream::{Happened, Line, Stream};
+use crate::cluster::check::as_table;
+use crate::display::screen::Screen;
+use crate::display::status::{self, FlightStatus};
 use crate::endpoints::EndpointsFile;
 use crate::os::Interrupts;
+use crate::place;
 use crate::record::{FleetRecorder, told};
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -25,6 +27,7 @@ use skein_lab::metrics::{FleetReport, Report, Run, TRAFFIC_FILE, Wall, traffic_c
 use skein_lab::record::FLEET_FILE;
 use skein_lab::recording::NotedKind;
 use skein_lab::study::plan::write;
+use skein_lab::terminal::complain;
 
 /// Between two looks at the swarms: the metrics want fifty a second.
 const TICK: Duration = Duration::from_millis(20);
@@ -42,21 +45,46 @@ pub struct Flights {
     recorder: Option<FleetRecorder>,
     out: PathBuf,
     screen: Screen,
-    interrupts: Interrupts,
     /// `--json`.
     stream: Option<Stream>,
     /// There while the swarms are.
     file: EndpointsFile,
 }
 
+/// What is left of flights that are over.
+pub struct FlightsResult {
+    /// The flight, or that of each team in the order of teams.
+    pub flights: Vec<FlightResult>,
+    /// Whether it was a flight.
+    pub verdict: Result<(), Error>,
+    /// The figures of a fleet.
+    fleet: Option<FleetReport>,
+    out: PathBuf,
+}
+
+impl FlightsResult {
+    /// The figures that a reader looks for first, and what to do next.
+    pub fn summary(&self) -> String {
+        match &self.fleet {
+            Some(report) => text(&self.flights, report, &self.out),
+            None => self.flights.iter().filter_map(FlightResult::summary).collect(),
+        }
+    }
+}
+
 impl Flights {
-    /// Starts everything.
+    /// Starts everything, X-Planes with their aircraft at the starts.
     ///
     /// # Errors
     /// If something cannot be started; then nothing is left running.
-    pub fn begin(plans: Plans, interrupts: Interrupts, gather_within: Duration, json: bool) -> Result<Self, Error> {
+    pub fn begin(plans: Plans, gather_within: Duration, json: bool, interrupts: &Interrupts) -> Result<Self, Error> {
         let Plans { described, out, plans } = plans;
         let Site { endpoints, file } = prepare_site(&described, &out)?;
+        // Of a swarm that flies here already nothing was placed: it is refused before.
+        for plan in plans.iter().filter(|plan| !plan.xplanes.is_empty()) {
+            let lines = place::before_flight(plan.scenario(), &plan.xplanes, || interrupts.count() > 0);
+            complain(as_table(&lines).trim_end());
+        }
         let scenarios = || described.all().iter().map(|team| &team.scenario);
         let of_fleet = |team: TeamInFleet| Separations::new(Origin::new(team.origin.geodetic()), scenarios());
         let separations = described.first().scenario.team.map(of_fleet);
@@ -68,21 +96,25 @@ impl Flights {
         let stream = json.then(|| begin_stream(&described, &out)).transpose()?;
         let screen = Screen::open(json);
         let (over, statuses) = (Vec::new(), Vec::new());
-        Ok(Self { running, over, statuses, separations, recorder, out, screen, interrupts, stream, file })
+        Ok(Self { running, over, statuses, separations, recorder, out, screen, stream, file })
     }
 
-    /// Flies all of them to the end.
-    ///
-    /// # Errors
-    /// A flight that never began, lost all its vehicles, or did not end on the ground.
-    pub fn fly(mut self) -> Result<(), Error> {
+    /// Shows a line for the operator.
+    pub fn tell(&mut self, line: &str) {
+        if let Some(first) = self.running.first_mut() {
+            first.tell(clock::now(), line.to_owned());
+        }
+    }
+
+    /// Flies all of them to the end: a flight fails that never began, lost all its vehicles, or did not end on the ground.
+    pub fn fly(mut self, interrupts: &Interrupts) -> FlightsResult {
         let mut next = clock::now();
         loop {
             let now = clock::now();
             for _ in 0..self.screen.asked_to_end() {
-                self.interrupts.add();
+                interrupts.add();
             }
-            let asked = self.interrupts.count();
+            let asked = interrupts.count();
             let over: Vec<usize> =
                 (0..self.running.len()).filter(|nth| self.running[*nth].advance(now, asked)).collect();
             if let Some(separations) = &mut self.separations {
@@ -119,29 +151,23 @@ impl Flights {
         }
         let notes = over.iter().flat_map(|result| shown(result.plan.scenario(), result.notes.clone()));
         let notes: Vec<String> = notes.chain(recorder.and_then(|recorder| told(recorder.finish()))).collect();
-        notes.iter().for_each(|note| skein_lab::terminal::complain(note));
+        notes.iter().for_each(|note| complain(note));
         let failures = over.iter().filter_map(|result| Some((result.plan.scenario(), result.verdict().err()?)));
         let failures: Vec<_> = failures.flat_map(|(scenario, why)| shown(scenario, vec![why])).collect();
         let verdict = if failures.is_empty() { Ok(()) } else { Err(Error::Failed(failures.join("; "))) };
         let fleet = separations.map(|separations| report(&over, &separations.across));
         let written = fleet.as_ref().map_or(Ok(()), |report| write_fleet(&over, report, &out));
-        let done = verdict.and(written);
-        match (stream, fleet) {
-            (Some(stream), fleet) => {
-                let error = done.as_ref().err().map(ToString::to_string);
-                let about = (error.as_deref(), notes.as_slice());
-                let (now, out) = (clock::now(), out.display().to_string());
-                match (&fleet, over.first()) {
-                    (Some(report), _) => stream.end(now, Some(report), about, &out),
-                    (None, first) => stream.end(now, first.and_then(|only| only.report.as_ref()), about, &out),
-                }
-            }
-            (None, Some(report)) => skein_lab::terminal::say(&text(&over, &report, &out)),
-            (None, None) => {
-                over.iter().filter_map(FlightResult::summary).for_each(|text| skein_lab::terminal::say(&text))
+        let verdict = verdict.and(written);
+        if let Some(stream) = stream {
+            let error = verdict.as_ref().err().map(ToString::to_string);
+            let about = (error.as_deref(), notes.as_slice());
+            let (now, out) = (clock::now(), out.display().to_string());
+            match (&fleet, over.first()) {
+                (Some(report), _) => stream.end(now, Some(report), about, &out),
+                (None, first) => stream.end(now, first.and_then(|only| only.report.as_ref()), about, &out),
             }
         }
-        done
+        FlightsResult { flights: over, verdict, fleet, out }
     }
 
     /// Writes what has happened to the stream of `--json`.

@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{Trace, Verb};
+use skein_common::message::{StandingOrders, Trace, Verb};
 use skein_common::scenario::{Described, Scenario, Target};
 use skein_common::state::{Activity, Membership};
 use skein_common::topic::Branch;
@@ -30,12 +30,12 @@ use skein_core::formation::{self, ring::Ring};
 
 use super::children::{Children, ProcessRole};
 use super::ground::Ground;
-use super::journal::Journal;
 use super::launch::launch;
 use super::plan::Plan;
 use super::script::{self, ScriptedAction};
-use super::status::{self, Ending, FlightStatus, Known, Stage};
 use super::stream::{Happened, Line};
+use crate::display::journal::Journal;
+use crate::display::status::{self, Ending, FlightStatus, Known, Stage};
 use crate::endpoints::Endpoints;
 use crate::landing;
 use crate::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
@@ -46,7 +46,7 @@ use events::UnderWay;
 use figures::summary;
 use skein_host::clock;
 use skein_lab::error::Error;
-use skein_lab::faults::Schedule;
+use skein_lab::faults::{OperatorOrder, Schedule};
 use skein_lab::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, Totals, VehicleTraffic};
 use skein_lab::recording::NotedKind;
 
@@ -96,7 +96,10 @@ pub struct Flight {
     killed: VehicleSet,
     /// What agents that have ended had counted.
     ended: Totals,
-    order: Option<UnderWay>,
+    /// The orders that are to be repeated.
+    orders: Vec<UnderWay>,
+    /// The orders that were given from here.
+    given: StandingOrders,
     journal: Journal,
     lost: Vec<String>,
     /// What happened to a team and is not in the recording of its fleet yet.
@@ -105,6 +108,8 @@ pub struct Flight {
     happened: Vec<Happened>,
     /// What went wrong, though the flight came to its end.
     failure: Option<String>,
+    /// Its user has asked before the window was over.
+    is_interrupted: bool,
     /// Its user has asked twice: everything ends at once.
     is_broken_off: bool,
 }
@@ -121,6 +126,10 @@ pub struct FlightResult {
     pub notes: Vec<String>,
     /// Whether agents of vehicles in the air were left to land by themselves.
     pub leaves: bool,
+    /// Whether its user ended it before its window was over, or before all vehicles were down.
+    pub is_interrupted: bool,
+    /// Whether any agent sent a message.
+    pub has_answered: bool,
     all_are_lost: bool,
     failure: Option<String>,
 }
@@ -189,12 +198,14 @@ impl Flight {
             schedule: script::schedule(scenario),
             killed: VehicleSet::default(),
             ended: Totals::default(),
-            order: None,
+            orders: Vec::new(),
+            given: StandingOrders::default(),
             journal: Journal::default(),
             lost: Vec::new(),
             noted: Vec::new(),
             happened: Vec::new(),
             failure: None,
+            is_interrupted: false,
             is_broken_off: false,
             plan,
         };
@@ -217,12 +228,15 @@ impl Flight {
         let left = if self.is_broken_off { VehicleSet::default() } else { self.in_the_air() };
         self.children.leave(left);
         self.children.kill();
+        let has_answered = !self.observer.vehicles().is_empty();
+        let is_interrupted = self.is_interrupted || self.is_broken_off;
         let Self { report, traffic, mut lost, failure, plan, recorder, .. } = self;
         if !left.is_empty() {
             lost.push(left_in_the_air(left, plan.scenario()));
         }
         let notes = recorder.and_then(|recorder| told(recorder.finish())).into_iter().chain(lost).collect();
-        FlightResult { plan, report, traffic, notes, leaves: !left.is_empty(), all_are_lost, failure }
+        let leaves = !left.is_empty();
+        FlightResult { plan, report, traffic, notes, leaves, is_interrupted, has_answered, all_are_lost, failure }
     }
 
     /// Takes in what has happened since the last time.
@@ -260,14 +274,17 @@ impl Flight {
         if self.stage == Stage::Flying {
             self.play(now);
         }
-        self.repeat_order(now);
+        self.repeat_orders(now);
         let agents = self.children.any(ProcessRole::Agent);
         match self.stage {
             Stage::Gathering if !agents => {
                 self.fail(format!("every agent ended before the flight began; logs: {}", self.logs()));
                 return true;
             }
-            Stage::Gathering if asked => self.enter_landing(now),
+            Stage::Gathering if asked => {
+                self.is_interrupted = true;
+                self.enter_landing(now);
+            }
             Stage::Gathering if self.all_are_active() => {
                 self.zero = Some(Zero { at: now, plant_s: self.plant_s(now).collect() });
                 self.record(|recorder| recorder.window_begins(now));
@@ -282,12 +299,15 @@ impl Flight {
             Stage::Gathering => {}
             Stage::Flying => {
                 self.measure(now);
-                if !agents && !self.awaits_a_restart() || asked || self.is_over(now) {
+                let is_over = self.is_over(now);
+                if !agents && !self.awaits_a_restart() || asked || is_over {
+                    self.is_interrupted = asked && !is_over;
                     self.end_window(now);
                     self.enter_landing(now);
                 }
             }
-            Stage::Landing => return self.bring_down(now, asked),
+            // The first request lets a landing that has begun by itself go to its end.
+            Stage::Landing => return self.bring_down(now, asked && self.asked > 1),
             Stage::Ending if !agents => return true,
             Stage::Ending if asked || now.duration_since(self.since) > END => {
                 self.is_broken_off = asked;
@@ -295,7 +315,7 @@ impl Flight {
                 self.fail(format!("vehicle {}: the agent did not end within {} s", hanging.join(", "), END.as_secs()));
                 return true;
             }
-            Stage::Ending => {}
+            Stage::Ending | Stage::Watched => {}
         }
         false
     }
@@ -315,7 +335,7 @@ impl Flight {
     /// Whether the duration is over, an operator has ordered a landing, or all vehicles have only the landing left.
     fn is_over(&self, now: Instant) -> bool {
         let is_late = self.plan.scenario().duration_s.is_some_and(|duration_s| self.since_zero_s(now) >= duration_s);
-        let orders = self.live().filter_map(|(_, seen)| seen?.mission?.order);
+        let orders = self.live().filter_map(|(_, seen)| seen?.orders.to_swarm());
         let is_down = |verb| matches!(verb, Verb::Land | Verb::Abort);
         is_late || orders.map(|order| order.verb).any(is_down) || self.has_finished(now)
     }
@@ -332,7 +352,8 @@ impl Flight {
 
     /// Vehicles whose agents run and which, as far as is known, have left the ground and have not landed.
     fn in_the_air(&self) -> VehicleSet {
-        let is_up = |step: &Trace| step.activity != Activity::Landed && step.height_m > LIFTED_M;
+        let is_flown = |step: &Trace| !matches!(step.activity, Activity::Landed | Activity::Released);
+        let is_up = |step: &Trace| is_flown(step) && step.height_m > LIFTED_M;
         let up = self.live().filter(|(_, seen)| seen.and_then(|seen| seen.trace.as_ref()).is_some_and(is_up));
         up.map(|(id, _)| id).collect()
     }
@@ -361,7 +382,7 @@ impl Flight {
     fn enter_landing(&mut self, now: Instant) {
         self.enter(Stage::Landing, now);
         self.end_events(now);
-        self.order(now, Verb::Land);
+        self.order(now, OperatorOrder { verb: Verb::Land, vehicles: None });
         self.stream(now, Line::Landing);
         self.report_news(now, "all vehicles are ordered to land".to_owned());
         self.announce_landing(now);
@@ -450,11 +471,9 @@ impl Flight {
     /// The flight as people look at it.
     pub fn status(&self, now: Instant) -> FlightStatus {
         let scenario = self.plan.scenario();
-        let known: Vec<Known<'_>> = scenario
-            .ids()
-            .map(|id| Known { id, seen: self.observer.vehicles().get(&id), ended: self.ending(id) })
-            .collect();
-        let rows = status::rows(&known, &self.rings, now);
+        let known: Vec<Known> =
+            scenario.ids().map(|id| Known::new(id, self.observer.vehicles().get(&id), self.ending(id), now)).collect();
+        let rows = status::rows(&known, &self.rings);
         let flown_s = self.report.as_ref().map_or_else(|| self.flown_s(now), |report| report.duration_s);
         FlightStatus {
             swarm: scenario.swarm.name.to_string(),
@@ -463,7 +482,7 @@ impl Flight {
             flown_s,
             duration_s: scenario.duration_s,
             out: self.plan.out.display().to_string(),
-            has_gaps: news::has_gaps(scenario, rows.iter().find_map(|row| row.step)),
+            has_gaps: status::has_gaps(scenario, rows.iter().find_map(|row| row.step)),
             rows,
             teams: Vec::new(),
             team: scenario.team.map(|team| team.id),
@@ -496,10 +515,10 @@ fn left_in_the_air(left: VehicleSet, scenario: &Scenario) -> String {
     )
 }
 
-/// Whether the vehicle has landed, never took off, or is given up, without data or not in contact.
+/// Whether the vehicle has landed, never took off, is a pilot's to land, or is given up, without data or not in contact.
 fn is_down(seen: &VehicleView, now: Instant, waited: Duration) -> bool {
     match fresh(seen, now).map(|trace| trace.activity) {
-        Some(Activity::Landed) => true,
+        Some(Activity::Landed | Activity::Released) => true,
         None if seen.trace.is_none() => true,
         Some(Activity::Blind) | None => waited > HELPLESS,
         Some(_) => false,

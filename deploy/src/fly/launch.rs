@@ -78,7 +78,8 @@ pub fn launch(plan: &Plan, described: &Described, endpoints: &Endpoints) -> Resu
         let file = agent_file(name, scenario_file, described, endpoints, simulators.get(nth));
         let path = folder.join(format!("{id}.toml"));
         let started = fs::write(&path, file).and_then(|()| {
-            let arguments = ["agent".into(), "--config".into(), path.into(), "--child".into()];
+            let arguments: [OsString; 6] =
+                ["agent".into(), "--config".into(), path.into(), "--child".into(), "--inputs".into(), (&folder).into()];
             children.start(ProcessRole::Agent, id, arguments.into(), &log(&folder, ProcessRole::Agent, id))
         });
         started.map_err(|error| failed(&format!("agent {name}"), error))?;

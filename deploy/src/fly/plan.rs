@@ -7,7 +7,7 @@ use skein_common::scenario::{Described, Loaded, PlantKind, Scenario};
 
 use super::{FlyArgs, PlantArg};
 use crate::prepare::{Prepared, Target, prepare};
-use crate::simulators::HostPort;
+use crate::simulators;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::out;
@@ -47,7 +47,7 @@ impl Plans {
     /// # Errors
     /// Whatever stands against the flight.
     pub fn new(args: &FlyArgs) -> Result<Self, Error> {
-        let described = args.scenario.read_any(sets(args)?)?;
+        let described = as_named(args, args.scenario.read_any(sets(args)?)?)?;
         let refused = |why: String| Error::Refused(format!("{}: {why}", args.scenario.name()));
         fleet::check_size(described.all()).map_err(|why| refused(why.to_string()))?;
         if matches!(described, Described::Fleet(_)) && described.first().scenario.swarm.plant == PlantKind::Xplane {
@@ -55,7 +55,7 @@ impl Plans {
         }
         let mut trial = Trial::default();
         let ready = described.all().iter().map(|team| {
-            let target = Target::Fly { xplane: args.xplane.as_ref() };
+            let target = Target::Fly { xplanes: &args.xplane };
             prepare(&args.scenario, &team.scenario, target, &mut trial)
         });
         let ready = ready.collect::<Result<Vec<_>, _>>()?;
@@ -79,8 +79,9 @@ impl Plan {
         let plant = args.plant.map(|plant| set("swarm.plant", plant.name().to_owned()));
         let more: Vec<_> = plant.into_iter().chain(duration.clone()).collect();
         let mut again = args.scenario.command("fly", &more, Some(seed));
-        if let Some(HostPort { host, port }) = &args.xplane {
-            again += &format!(" --xplane {}", quoted(&format!("{host}:{port}")));
+        if !args.xplane.is_empty() {
+            let named: Vec<String> = args.xplane.iter().map(ToString::to_string).collect();
+            again += &format!(" --xplane {}", quoted(&named.join(",")));
         }
         let other_plant = scenario.swarm.plant != PlantKind::Builtin;
         let built_in = other_plant.then(|| set("swarm.plant", PlantArg::Builtin.name().to_owned()));
@@ -95,13 +96,24 @@ impl Plan {
     }
 }
 
+/// The same with the X-Planes that the command line names, so that the scenario as flown names them.
+fn as_named(args: &FlyArgs, described: Described) -> Result<Described, Error> {
+    let Described::Swarm(loaded) = &described else { return Ok(described) };
+    if args.xplane.is_empty() {
+        return Ok(described);
+    }
+    let addresses = simulators::addresses(&loaded.scenario, &args.xplane)?;
+    let named = loaded.scenario.ids().zip(addresses).map(|(id, address)| format!("vehicle.{id}.xplane={address}"));
+    args.scenario.read_any(sets(args)?.into_iter().chain(named).collect())
+}
+
 /// The options that are another spelling of a `--set`.
-fn sets(args: &FlyArgs) -> Result<Vec<String>, Error> {
-    let plant = match (args.plant, &args.xplane) {
-        (Some(PlantArg::Builtin | PlantArg::Standin), Some(_)) => {
+pub(super) fn sets(args: &FlyArgs) -> Result<Vec<String>, Error> {
+    let plant = match (args.plant, args.xplane.is_empty()) {
+        (Some(PlantArg::Builtin | PlantArg::Standin), false) => {
             return Err(Error::Refused("--xplane gives the address of X-Plane: use it with --plant xplane".to_owned()));
         }
-        (None, Some(_)) => Some(PlantArg::Xplane),
+        (None, false) => Some(PlantArg::Xplane),
         (plant, _) => plant,
     };
     let plant = plant.map(|plant| format!("swarm.plant={}", plant.name()));
@@ -115,7 +127,6 @@ mod tests {
     use std::net::UdpSocket;
 
     use super::*;
-    use crate::simulators;
     use skein_lab::scenario::ScenarioArgs;
 
     fn args(sets: &[&str]) -> FlyArgs {
@@ -145,12 +156,24 @@ mod tests {
     }
 
     #[test]
+    fn the_scenario_as_flown_names_the_x_planes_of_the_command_line() {
+        let args = FlyArgs { xplane: vec!["127.0.0.2:50000".parse().unwrap()], ..args(&["swarm.vehicles=2"]) };
+        let described = as_named(&args, args.scenario.read_any(sets(&args).unwrap()).unwrap()).unwrap();
+        let text = described.first().to_toml();
+        assert!(
+            text.contains("xplane = \"127.0.0.2:50000\"") && text.contains("xplane = \"127.0.0.2:50010\""),
+            "{text}"
+        );
+        assert_eq!(described.first().scenario.swarm.plant, PlantKind::Xplane);
+    }
+
+    #[test]
     fn an_x_plane_that_does_not_answer_stands_against_the_flight() {
         let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
         let address = silent.local_addr().unwrap().to_string();
         let folder = tempfile::tempdir().unwrap();
         let args = FlyArgs {
-            xplane: Some(address.parse().unwrap()),
+            xplane: vec![address.parse().unwrap()],
             out: Some(folder.path().join("run")),
             ..args(&["swarm.vehicles=1"])
         };

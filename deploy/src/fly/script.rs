@@ -5,13 +5,11 @@ use std::fmt;
 use std::ops::Range;
 
 use skein_common::id::VehicleId;
-use skein_common::message::Verb;
 use skein_common::scenario::{EventAction, Fault, PlantKind, Scenario, ScriptedEvent};
 use skein_core::impairments::{lasting, union};
 
 use crate::os;
-use skein_lab::faults::InjectedFault;
-use skein_lab::faults::{Schedule, describe, failure_of, kills, orders};
+use skein_lab::faults::{InjectedFault, OperatorOrder, Schedule, describe, failure_of, kills, orders};
 
 /// An action of the launcher, or an event to report.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,8 +22,8 @@ pub enum ScriptedAction {
     Freeze(VehicleId),
     /// Resume its stand-in.
     Thaw(VehicleId),
-    /// Order the swarm.
-    Order(Verb),
+    /// Give an order.
+    Order(OperatorOrder),
     /// Report an event that an agent performs: its text, and the fault that it injects.
     Report(String, Option<InjectedFault>),
 }
@@ -37,7 +35,10 @@ impl fmt::Display for ScriptedAction {
             Self::Restart(id) => write!(f, "restarts vehicle {id}"),
             Self::Freeze(id) => write!(f, "freezes the simulator of vehicle {id}"),
             Self::Thaw(id) => write!(f, "resumes the simulator of vehicle {id}"),
-            Self::Order(verb) => write!(f, "orders {verb}"),
+            Self::Order(OperatorOrder { verb, vehicles: Some(vehicles) }) => {
+                write!(f, "orders {verb}, vehicle {vehicles}")
+            }
+            Self::Order(OperatorOrder { verb, vehicles: None }) => write!(f, "orders {verb}"),
             Self::Report(what, _) => f.write_str(what),
         }
     }
@@ -74,7 +75,7 @@ impl Player {
 pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
     let mut actions: Vec<_> =
-        orders(events).into_iter().map(|(at_s, verb)| (at_s, ScriptedAction::Order(verb))).collect();
+        orders(events).into_iter().map(|(at_s, order)| (at_s, ScriptedAction::Order(order))).collect();
     let mut span = |Range { start, end }: Range<f64>, from, until| actions.extend([(start, from), (end, until)]);
     for id in scenario.ids() {
         kills(events, id)

@@ -19,9 +19,12 @@ const VALID: Duration = Duration::days(365);
 const AUTHORITY_VALID: Duration = Duration::days(3650);
 /// Remaining validity below which a certificate is issued again.
 const RENEW_BEFORE: Duration = Duration::days(30);
+/// Remaining validity below which no flight begins. A link outlives its certificates, but a vehicle that is restarted in
+/// flight needs a new link.
+const FLIGHT: Duration = Duration::hours(24);
 /// How far the start of a certificate's validity is backdated: a node whose clock is behind could not connect until
-/// then.
-const BACKDATED: Duration = Duration::hours(1);
+/// then. The clock of a PC without a battery may be days behind.
+const BACKDATED: Duration = Duration::days(7);
 
 /// A certificate and its private key, PEM.
 #[derive(Clone)]
@@ -62,6 +65,8 @@ pub(crate) enum Unfit {
     OtherAddress,
     /// It has expired.
     Expired,
+    /// It expires within a day, and is valid until then.
+    ExpiringToday,
     /// It expires soon, and is valid until then.
     Expiring,
 }
@@ -69,6 +74,11 @@ pub(crate) enum Unfit {
 impl Unfit {
     /// Whether peers reject the certificate.
     pub(crate) fn is_fatal(&self) -> bool {
+        !matches!(self, Self::Expiring | Self::ExpiringToday)
+    }
+
+    /// Whether no flight may begin with the certificate.
+    pub(crate) fn forbids_flight(&self) -> bool {
         *self != Self::Expiring
     }
 }
@@ -82,6 +92,7 @@ impl std::fmt::Display for Unfit {
             Self::OtherName => "has another name",
             Self::OtherAddress => "has another address",
             Self::Expired => "has expired",
+            Self::ExpiringToday => "expires within 24 h",
             Self::Expiring => "expires soon",
         })
     }
@@ -168,6 +179,11 @@ pub(crate) fn expires(certificate: &str) -> Option<OffsetDateTime> {
     Some(pem.parse_x509().ok()?.validity().not_after.to_datetime())
 }
 
+/// Whether a certificate expires so soon that no flight may begin with it.
+pub(crate) fn expires_within_a_flight(certificate: &str, now: OffsetDateTime) -> bool {
+    expires(certificate).is_some_and(|end| end < now + FLIGHT)
+}
+
 /// Returns the common name and the public key in a certificate.
 pub(crate) fn shows(certificate: &str) -> Option<PeerIdentity> {
     let pem = pem(certificate)?;
@@ -197,6 +213,7 @@ pub(crate) fn unfit(pair: &Pair, spec: &CertificateSpec<'_>, authority: &str, no
 fn ends(certificate: &X509Certificate<'_>, now: OffsetDateTime) -> Option<Unfit> {
     match certificate.validity().not_after.to_datetime() {
         end if end < now => Some(Unfit::Expired),
+        end if end < now + FLIGHT => Some(Unfit::ExpiringToday),
         end if end < now + RENEW_BEFORE => Some(Unfit::Expiring),
         _ => None,
     }

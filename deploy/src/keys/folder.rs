@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use crate::keys::Role;
 use rcgen::{KeyPair, PKCS_ED25519};
 use serde::{Deserialize, Serialize};
-use skein_agent::link::security::{PeerIdentity, identities_by_vehicle};
+use skein_agent::link::security::{PeerIdentity, by_vehicle};
+use skein_agent::link::signature::VerificationKey;
 use skein_common::id::VehicleName;
 use skein_host::atomic_file::{self, Durability};
 
@@ -28,13 +29,20 @@ pub(crate) fn stem(role: Role) -> String {
     match role {
         Role::Vehicle(id) => format!("vehicle-{}", id.dashed()),
         Role::Observer => "observer".to_owned(),
+        Role::NodeObserver(id) => format!("observer-{}", id.dashed()),
         Role::Operator => "operator".to_owned(),
     }
 }
 
-/// The vehicle whose certificate has this file name, if it is a vehicle's.
-fn vehicle_of(file_name: &str) -> Option<VehicleName> {
-    VehicleName::from_dashed(file_name.strip_prefix("vehicle-")?.strip_suffix(".pem")?)
+/// The role of a node whose certificate has this file name, if it is one of a node's two.
+fn role_at_node(file_name: &str) -> Option<Role> {
+    let (kind, id) = file_name.strip_suffix(".pem")?.split_once('-')?;
+    let id = VehicleName::from_dashed(id)?;
+    match kind {
+        "vehicle" => Some(Role::Vehicle(id)),
+        "observer" => Some(Role::NodeObserver(id)),
+        _ => None,
+    }
 }
 
 /// Whether this is a common name of the role: `vehicle-3`, or `vehicle-3.2` after one revocation, ...
@@ -59,7 +67,10 @@ pub(crate) fn key_file(role: Role) -> String {
 pub(crate) struct Names {
     pub(crate) observer: String,
     pub(crate) operator: String,
-    #[serde(deserialize_with = "identities_by_vehicle")]
+    /// The names of the nodes' observers. Folders of earlier versions have none.
+    #[serde(default, deserialize_with = "by_vehicle")]
+    pub(crate) observers: BTreeMap<VehicleName, String>,
+    #[serde(deserialize_with = "by_vehicle")]
     pub(crate) vehicles: BTreeMap<VehicleName, PeerIdentity>,
 }
 
@@ -165,9 +176,9 @@ impl Folder {
         let name = |role| Ok::<_, Error>(shown(role)?.map(|known| known.name).unwrap_or_default());
         let mut names = Names { observer: name(Role::Observer)?, operator: name(Role::Operator)?, ..Names::default() };
         let files = fs::read_dir(&self.0).into_iter().flatten().flatten();
-        for id in files.filter_map(|file| vehicle_of(file.file_name().to_str()?)) {
-            if let Some(known) = shown(Role::Vehicle(id))? {
-                names.vehicles.insert(id, known);
+        for role in files.filter_map(|file| role_at_node(file.file_name().to_str()?)) {
+            if let Some(PeerIdentity { name, key }) = shown(role)? {
+                names.set(role, name, key);
             }
         }
         Ok(names)
@@ -184,14 +195,36 @@ impl Folder {
 }
 
 impl Names {
+    /// Makes this the valid name of the role, and for a vehicle this key the one of its signatures.
+    pub(crate) fn set(&mut self, role: Role, name: String, key: VerificationKey) {
+        match role {
+            Role::Vehicle(id) => _ = self.vehicles.insert(id, PeerIdentity { name, key }),
+            Role::NodeObserver(id) => _ = self.observers.insert(id, name),
+            Role::Observer => self.observer = name,
+            Role::Operator => self.operator = name,
+        }
+    }
+
+    /// Removes the names of vehicles and nodes' observers that are not to be accepted.
+    pub(crate) fn retain(&mut self, is_accepted: impl Fn(VehicleName) -> bool) {
+        self.vehicles.retain(|id, _| is_accepted(*id));
+        self.observers.retain(|id, _| is_accepted(*id));
+    }
+
+    /// The names of all observers: the operator's, and one of each node.
+    pub(crate) fn all_observers(&self) -> Vec<String> {
+        std::iter::once(&self.observer).chain(self.observers.values()).cloned().collect()
+    }
+
     /// Formats the names as the text of `names.toml`.
     pub(crate) fn to_toml(&self) -> String {
         let mut text =
             "# The valid common names, and the public keys that verify the vehicles' signatures. After a revocation, a\n\
                         # certificate has another name and another key.\n"
                 .to_owned();
-        text += &format!("observer = \"{}\"\noperator = \"{}\"\n\n[vehicles]\n", self.observer, self.operator);
-        text + &vehicles_toml(&self.vehicles)
+        text += &format!("observer = \"{}\"\noperator = \"{}\"\n\n[observers]\n", self.observer, self.operator);
+        text.extend(self.observers.iter().map(|(id, name)| format!("{} = \"{name}\"\n", id.quoted())));
+        text + "\n[vehicles]\n" + &vehicles_toml(&self.vehicles)
     }
 }
 

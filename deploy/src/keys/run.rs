@@ -67,7 +67,7 @@ impl RunFile {
     pub(crate) fn note_order(&self, verb: Verb) -> Result<(), Error> {
         match verb {
             Verb::Land | Verb::Abort => self.note_end(),
-            Verb::Hold | Verb::Goto(_) => Ok(()),
+            Verb::Hold | Verb::Goto(_) | Verb::Release | Verb::Set(_) => Ok(()),
         }
     }
 

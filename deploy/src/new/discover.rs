@@ -20,6 +20,15 @@ pub(crate) struct FoundXPlane {
     pub(crate) version: String,
     /// Name of its computer, without control characters.
     pub(crate) computer: String,
+    /// Name of this computer's interface over which it is reached, if that is known.
+    pub(crate) interface: Option<String>,
+}
+
+impl FoundXPlane {
+    /// The interface, for the end of a line.
+    pub(crate) fn over(&self) -> String {
+        self.interface.as_ref().map(|name| format!(" over {}", printable(name, MAX_NAME))).unwrap_or_default()
+    }
 }
 
 /// Listens for this long, s, and returns every X-Plane that flies its own aircraft, in the order of addresses.
@@ -52,6 +61,7 @@ pub(crate) fn heard(time: Duration) -> Result<Vec<FoundXPlane>, Error> {
             port: found.port,
             version: format!("{}.{}.{}", version / 10_000, version / 1000 % 10, version / 100 % 10),
             computer: printable(&found.computer, MAX_NAME),
+            interface: found.interface,
         }
     };
     Ok(found.into_iter().map(shown).collect())

@@ -195,7 +195,7 @@ fn found_cluster(name: &Name, found: &[FoundXPlane]) -> Start {
          # user = \"lab\"                              # login name; default: that of ssh's own configuration\n"
     );
     for (nth, xplane) in found.iter().enumerate() {
-        let FoundXPlane { address, port, version, computer } = xplane;
+        let FoundXPlane { address, port, version, computer, .. } = xplane;
         text += &format!(
             "\n[node.{}]                                    # X-Plane {version} on {computer}\nhost = \"{address}\"\n\
              xplane = \"127.0.0.1:{port}\"                 # as seen from the node\n",
@@ -266,6 +266,7 @@ mod tests {
             port,
             version: "12.1.4".to_owned(),
             computer: "heli".to_owned(),
+            interface: None,
         };
         let start = found_cluster(&"mine".parse().unwrap(), &[found(11, 49_000), found(12, 49_010)]);
         let folder = tempfile::tempdir().unwrap();

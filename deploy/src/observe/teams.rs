@@ -31,6 +31,11 @@ impl Observers {
         &mut self.0
     }
 
+    /// The observer of each swarm or team, as [`Self::each`].
+    pub fn all(&self) -> &[Observer] {
+        &self.0
+    }
+
     /// Receives all messages that have arrived.
     pub fn poll(&mut self) {
         self.0.iter_mut().for_each(|observer| drop(observer.poll()));

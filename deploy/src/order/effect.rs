@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use skein_common::id::VehicleId;
-use skein_common::message::Verb;
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::message::{Order, Verb};
 use skein_common::scenario::{Scenario, Target};
 use skein_common::state::Membership;
 
@@ -26,17 +26,22 @@ pub(super) enum Activity {
     Landing,
     /// It lands or has landed because of an abort, which no order can undo.
     Aborted,
+    /// A human pilot flies it by an order.
+    Released,
     /// It lands or has landed because its mission has ended or part of it has failed.
     Out,
 }
 
 impl Activity {
-    /// The activity that a heartbeat with this membership, step and order shows.
-    pub(super) fn of(membership: Membership, step: u32, order: Option<Verb>) -> Self {
-        match (membership, order) {
+    /// The activity that a heartbeat with this membership and step shows of a vehicle that obeys this order.
+    pub(super) fn of(membership: Membership, step: u32, order: Option<Order>) -> Self {
+        let is_alone = order.is_some_and(|order| order.vehicles.is_some());
+        match (membership, order.map(|order| order.verb)) {
+            (_, Some(Verb::Release)) => Self::Released,
             (_, Some(Verb::Abort)) => Self::Aborted,
             (_, Some(Verb::Land)) => Self::Landing,
             (Membership::Left, _) => Self::Out,
+            (Membership::Joining, Some(Verb::Hold)) if is_alone => Self::Held(step),
             (Membership::Joining, _) => Self::Joining,
             (Membership::Active, Some(Verb::Hold)) => Self::Held(step),
             (Membership::Active, _) => Self::Step(step),
@@ -52,17 +57,19 @@ impl fmt::Display for Activity {
             Self::Held(step) => write!(f, "held at step {step}"),
             Self::Landing => f.write_str("landing"),
             Self::Aborted => f.write_str("aborted"),
+            Self::Released => f.write_str("released"),
             Self::Out => f.write_str("landing on its own"),
         }
     }
 }
 
-/// What each vehicle in contact does now.
-pub(super) fn activities(observer: &Observer) -> BTreeMap<VehicleId, Activity> {
-    let there = observer.vehicles().iter().filter(|(_, view)| view.alive);
+/// What each of these vehicles that is in contact does now; all vehicles without a set.
+pub(super) fn activities(observer: &Observer, vehicles: Option<VehicleSet>) -> BTreeMap<VehicleId, Activity> {
+    let is_asked = |id: VehicleId| vehicles.is_none_or(|vehicles| vehicles.contains(id));
+    let there = observer.vehicles().iter().filter(|(id, view)| view.alive && is_asked(**id));
     let activity = there.filter_map(|(id, view)| {
         let mission = view.mission.as_ref()?;
-        Some((*id, Activity::of(mission.membership, mission.step, observer.order_of(view).map(|order| order.verb))))
+        Some((*id, Activity::of(mission.membership, mission.step, view.orders.obeyed_by(*id))))
     });
     activity.collect()
 }
@@ -184,7 +191,10 @@ mod tests {
 
     #[test]
     fn an_order_determines_what_a_vehicle_does() {
-        let activity = |membership, order| Activity::of(membership, 3, order).to_string();
+        let order = |verb, vehicles| Order { epoch: 1, issuer: 1, verb, vehicles, signature: None };
+        let named = |verb| Some(order(verb, Some([VehicleId::new(1).unwrap()].into_iter().collect())));
+        let of = |membership, order| Activity::of(membership, 3, order).to_string();
+        let activity = |membership, verb: Option<Verb>| of(membership, verb.map(|verb| order(verb, None)));
         assert_eq!(activity(Membership::Active, None), "step 3");
         assert_eq!(activity(Membership::Active, Some(Verb::Goto(1))), "step 3");
         assert_eq!(activity(Membership::Active, Some(Verb::Hold)), "held at step 3");
@@ -192,6 +202,9 @@ mod tests {
         assert_eq!(activity(Membership::Left, Some(Verb::Hold)), "landing on its own");
         assert_eq!(activity(Membership::Left, Some(Verb::Land)), "landing");
         assert_eq!(activity(Membership::Left, Some(Verb::Abort)), "aborted");
+        assert_eq!(of(Membership::Joining, named(Verb::Hold)), "held at step 3");
+        assert_eq!(of(Membership::Joining, named(Verb::Release)), "released");
+        assert_eq!(of(Membership::Joining, named(Verb::Goto(0))), "joining");
     }
 
     #[test]

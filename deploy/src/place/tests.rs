@@ -21,7 +21,7 @@ fn with(arguments: &[&str], act: impl FnOnce(SocketAddr, Option<SocketAddr>)) {
     let (udp, web) = (standin.address(), standin.web_address());
     let stop = Arc::new(AtomicBool::new(false));
     let of_thread = Arc::clone(&stop);
-    let thread = std::thread::spawn(move || standin.run(&of_thread));
+    let thread = thread::spawn(move || standin.run(&of_thread));
     act(udp, web);
     stop.store(true, Relaxed);
     thread.join().unwrap();
@@ -40,7 +40,7 @@ fn found<'a>(lines: &'a [Line], what: &str) -> &'a Line {
 #[test]
 fn every_x_plane_is_placed_and_has_the_scenarios_wind() {
     let scenario = windy();
-    let start = (scenario.origin.geodetic(), 1.0);
+    let start = start_of(&scenario, VehicleId::new(1).unwrap()).unwrap();
     for (arguments, how) in [
         (&["--web", "0"][..], "by its Web API"),
         (&["--version", "12"][..], "by UDP"),
@@ -49,7 +49,7 @@ fn every_x_plane_is_placed_and_has_the_scenarios_wind() {
         with(arguments, |udp, web| {
             let surveyor = Surveyor::open(&udp.to_string()).unwrap();
             let web = web.map(|web| WebApi::open(&web.to_string().parse().unwrap()));
-            let lines = placed(&surveyor, web, &scenario, Some(start)).unwrap();
+            let lines = placed(&surveyor, web, &scenario, |_| Some(start)).unwrap();
             let line = found(&lines, "place");
             assert!(line.state == State::Good && line.found.ends_with(how), "{lines:#?}");
             let wind = found(&lines, "wind");
@@ -61,24 +61,54 @@ fn every_x_plane_is_placed_and_has_the_scenarios_wind() {
 }
 
 #[test]
+fn a_flight_begins_where_its_vehicles_start_unless_they_fly_or_are_left_where_they_are() {
+    const OVERRIDE: &str = "sim/operation/override/override_joystick";
+    const COLLECTIVE: &str = "sim/cockpit2/engine/actuators/prop_ratio_all";
+    with(&["--lat", "47.01", "--lon", "8.0"], |udp, _| {
+        let surveyor = Surveyor::open(&udp.to_string()).unwrap();
+        let position = || surveyor.survey(&[], 10, Duration::from_millis(300), false).unwrap().position.unwrap();
+        let begins = |scenario: &Scenario| {
+            let lines = before_flight(scenario, &[udp.to_string()], || false);
+            assert_eq!(found(&lines, "wind").state, State::Good, "{lines:#?}");
+            lines.into_iter().find(|line| line.what == "place")
+        };
+        let mut as_is = windy();
+        as_is.start.pattern = StartPattern::AsIs;
+        assert_eq!((begins(&as_is), position().latitude_deg > 47.009), (None, true), "it was left where it is");
+        let line = begins(&windy()).unwrap();
+        assert!(line.state == State::Good && line.found.ends_with("by UDP"), "{line:?}");
+        assert!(position().latitude_deg < 47.002);
+        surveyor.write(OVERRIDE, 1.0);
+        surveyor.write(COLLECTIVE, 0.9);
+        let mut height_m = 0.0;
+        while height_m < 10.0 {
+            height_m = position().height_m;
+        }
+        assert_eq!(begins(&windy()), None, "it flies");
+        assert!(position().height_m > height_m);
+    });
+}
+
+#[test]
 fn every_number_of_a_flight_has_decimals() {
-    fn whole(value: &serde_json::Value) -> bool {
+    fn whole(value: &Value) -> bool {
         match value {
-            serde_json::Value::Number(number) => !number.is_f64(),
-            serde_json::Value::Array(values) => values.iter().any(whole),
-            serde_json::Value::Object(object) => object.values().any(whole),
+            Value::Number(number) => !number.is_f64(),
+            Value::Array(values) => values.iter().any(whole),
+            Value::Object(object) => object.values().any(whole),
             _ => false,
         }
     }
     let scenario = windy();
-    assert!(!whole(&weather::of_flight(&scenario, &scenario.origin.geodetic())));
+    let start = start_of(&scenario, VehicleId::new(1).unwrap()).unwrap();
+    assert!(!whole(&flight("Aircraft/x.acf", &scenario, &start)));
 }
 
 #[test]
 fn an_x_plane_that_does_not_answer_is_a_fault() {
     let silent = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let surveyor = Surveyor::open(&silent.local_addr().unwrap().to_string()).unwrap();
-    let lines = placed(&surveyor, None, &windy(), None).unwrap();
+    let lines = placed(&surveyor, None, &windy(), |_| None).unwrap();
     assert!(matches!(&lines[..], [line] if line.state == State::Fault), "{lines:#?}");
 }
 

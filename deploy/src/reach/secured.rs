@@ -40,9 +40,20 @@ impl Inventory {
         Ok(self.scenario.all().iter().map(reach).collect())
     }
 
+    /// The observer whose key is in this folder: the folder of a node has that of the node's own observer alone.
+    fn observer_in(&self, folder: &Folder) -> Role {
+        let is_there = |role: &Role| folder.path(&key_file(*role)).exists();
+        let mut of_nodes = self.nodes.keys().map(|id| Role::NodeObserver(*id)).filter(is_there);
+        match (is_there(&Role::Observer), of_nodes.next(), of_nodes.next()) {
+            (false, Some(only), None) => only,
+            _ => Role::Observer,
+        }
+    }
+
     /// Adds what secured links need to a connection.
     fn secured(&self, role: Role, run_file: RunFile, plain: Reach) -> Result<Reach, Error> {
         let folder = Folder(self.keys.clone());
+        let role = if role == Role::Observer { self.observer_in(&folder) } else { role };
         let (certificate, key) = (certificate_file(role), key_file(role));
         folder.check_private_file(&key)?;
         let pair = folder.need_pair(&certificate, &key)?;
@@ -55,13 +66,13 @@ impl Inventory {
             return Err(Error::Refused(format!("{} {why}: {remedy}", path.display())));
         }
         // A vehicle that has left the cluster is not accepted.
-        names.vehicles.retain(|id, _| self.nodes.contains_key(id));
+        names.retain(|id| self.nodes.contains_key(&id));
         let tls = Tls {
             authority: folder.path(AUTHORITY),
             certificate: folder.path(&certificate),
             key: folder.path(&key),
+            observers: names.all_observers(),
             vehicles: names.vehicles,
-            observer: names.observer,
             operator: names.operator,
         };
         let orders_key = orders_key(&folder)?;

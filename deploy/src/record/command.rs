@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crate::keys::Role;
 use serde_json::{Value, json};
 use skein_common::id::TeamId;
-use skein_common::scenario::{Described, Loaded, Scenario, Source, load, load_any};
+use skein_common::scenario::{Loaded, Scenario, Source, load};
 use skein_common::state::Membership;
 
 use super::{FleetRecorder, Recorder};
@@ -156,7 +156,7 @@ struct RecordedTeam<'a> {
 /// Records a live fleet until Ctrl-C, or until the file cannot be written.
 fn record_fleet(place: &Place, teams: &[Reach], out: &Path) -> Result<Written, Error> {
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let (name, described) = (place.swarm(), fleet(place)?);
+    let (name, described) = (place.swarm(), place.described()?);
     let team = |(reach, loaded)| RecordedTeam::begin(reach, loaded, out);
     let mut teams = teams.iter().zip(described.all()).map(team).collect::<Result<Vec<_>, _>>()?;
     let mut recorder = FleetRecorder::begin(out, &described)?;
@@ -179,19 +179,6 @@ fn record_fleet(place: &Place, teams: &[Reach], out: &Path) -> Result<Written, E
     let text = format!("{}: {vehicles} vehicles at {samples} times; dropped: {dropped}", out.display());
     let object = json!({ "file": out, "swarm": name, "vehicles": vehicles, "samples": samples, "dropped": dropped });
     Ok(Written { object, text })
-}
-
-/// The fleet's scenario: that of the cluster file, or the one that `fly` wrote on this PC.
-fn fleet(place: &Place) -> Result<Described, Error> {
-    let there = match place {
-        Place::Cluster(inventory) => return Ok(inventory.scenario.clone()),
-        Place::Here(there) => there,
-    };
-    let path = there.out.join("scenario.toml");
-    let name = path.display().to_string();
-    let text = std::fs::read_to_string(&path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
-    load_any(&Source { name: &name, text: &text }, &[])
-        .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
 }
 
 impl<'a> RecordedTeam<'a> {
@@ -263,7 +250,7 @@ fn put(recorder: &mut Recorder, received: &SwarmMessage, at: Instant) {
         SwarmMessage::Event(event) => recorder.happened(at, event),
         SwarmMessage::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent has appeared"),
         SwarmMessage::Vanished(id) => recorder.note(at, true, &format!("vehicle {id}"), "its agent has disappeared"),
-        SwarmMessage::Health(_) | SwarmMessage::Mission(_) => {}
+        SwarmMessage::Health(_) | SwarmMessage::Mission(_) | SwarmMessage::Summary(_) => {}
     }
 }
 

@@ -199,18 +199,20 @@ fn sync(file: &File, stopped: &Receiver<()>) {
 
 /// Limits the steps recorded a second, by the simulator's clock, so that a delayed queue loses no steps.
 #[derive(Debug)]
-struct Rate {
+pub(crate) struct Rate {
     period_s: f64,
     /// Each vehicle's last time and the time when its next step is due, s of its simulator's clock.
     due_s: BTreeMap<VehicleId, (f64, f64)>,
 }
 
 impl Rate {
-    fn new(hz: f64) -> Self {
+    /// At most so many steps a second, Hz.
+    pub(crate) fn new(hz: f64) -> Self {
         Self { period_s: 1.0 / hz, due_s: BTreeMap::new() }
     }
 
-    fn is_due(&mut self, trace: &Trace) -> bool {
+    /// Whether this step is to be recorded. Answers once for each step.
+    pub(crate) fn is_due(&mut self, trace: &Trace) -> bool {
         let t_s = trace.plant_time.seconds();
         let (last_s, due_s) = self.due_s.get(&trace.header.sender).copied().unwrap_or((t_s, t_s));
         // A restarted simulator has a restarted clock.

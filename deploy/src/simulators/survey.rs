@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use ring::rand::{SecureRandom, SystemRandom};
 use skein_agent::config::{listen_for, simulator};
 use skein_agent::plant::xplane::wire::dref::Write;
+use skein_agent::plant::xplane::wire::operation::Command;
 use skein_agent::plant::xplane::wire::prel::Placement;
 use skein_agent::plant::xplane::wire::rpos::{self, Position, PositionRequest};
 use skein_agent::plant::xplane::wire::rref::{self, DatarefRequest};
@@ -129,6 +130,14 @@ impl Surveyor {
         let mut bytes = Vec::new();
         placement.encode(&mut bytes);
         for _ in 0..3 {
+            let _ = self.socket.send_to(&bytes, self.simulator);
+        }
+    }
+
+    /// Runs a command of X-Plane, once.
+    pub(crate) fn command(&self, path: &str) {
+        let mut bytes = Vec::new();
+        if (Command { path }).encode(&mut bytes).is_ok() {
             let _ = self.socket.send_to(&bytes, self.simulator);
         }
     }

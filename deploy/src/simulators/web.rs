@@ -13,6 +13,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use serde_json::{Value, json};
+use skein_common::printable::printable;
 
 use super::HostPort;
 
@@ -23,6 +24,8 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(3);
 const LOADS_WITHIN: Duration = Duration::from_secs(60);
 /// Largest answer, bytes: X-Plane lists about ten thousand datarefs.
 const LARGEST: u64 = 32 * 1024 * 1024;
+/// Longest reason for a refusal that is shown, characters.
+const MESSAGE_CHARACTERS: usize = 120;
 
 /// Where the Web API of an X-Plane is looked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -45,12 +48,14 @@ impl FromStr for WebChoice {
 }
 
 impl WebChoice {
-    /// What was asked for, else the simulator's own host where that is this PC: X-Plane answers on the loopback only.
-    pub(crate) fn or_of(given: Option<&Self>, simulator: &HostPort) -> Self {
+    /// What was asked for, else what is written in the scenario, else the simulator's own host where that is this PC: X-Plane
+    /// answers on the loopback only.
+    pub(crate) fn or_of(given: Option<&Self>, written: Option<&str>, simulator: &HostPort) -> Self {
+        let written = written.and_then(|text| text.parse().ok()).map(Self::At);
         let is_here = simulator.host == "localhost"
             || simulator.host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback());
-        match given {
-            Some(given) => given.clone(),
+        match given.cloned().or(written) {
+            Some(choice) => choice,
             None if is_here => Self::At(HostPort { host: simulator.host.clone(), port: PORT }),
             None => Self::Off,
         }
@@ -101,7 +106,7 @@ impl WebApi {
     pub(crate) fn open(at: &HostPort) -> Result<Self, WebError> {
         let config = ureq::Agent::config_builder().http_status_as_error(false).proxy(None);
         let agent = config.timeout_connect(Some(ANSWERS_WITHIN)).timeout_global(Some(LOADS_WITHIN)).build().new_agent();
-        let place = format!("{}:{}", at.host, at.port);
+        let place = at.to_string();
         let mut api = Self { agent, place, versions: Vec::new(), simulator: String::new(), datarefs: BTreeMap::new() };
         match api.get("capabilities") {
             Ok(found) => {
@@ -155,7 +160,8 @@ impl WebApi {
     pub(crate) fn read(&self, name: &str) -> Result<Value, WebError> {
         let missing = || WebError::Refused(404, format!("Dataref {name} doesn't exist"));
         let id = self.find(name).ok_or_else(missing)?.id;
-        Ok(self.get(&format!("{}/datarefs/{id}/value", self.version()))?["data"].take())
+        let mut reply = self.get(&format!("{}/datarefs/{id}/value", self.version()))?;
+        Ok(reply.get_mut("data").map(Value::take).unwrap_or_default())
     }
 
     /// A text that X-Plane keeps as bytes, up to its end.
@@ -199,7 +205,8 @@ impl WebApi {
             (200, Err(_)) if text.trim().is_empty() => Ok(Value::Null),
             (200, Err(error)) => Err(WebError::Foreign(self.place.clone(), error.to_string())),
             (_, body) => {
-                let message = body.ok().and_then(|body| body["error_message"].as_str().map(str::to_owned));
+                let message =
+                    body.ok().and_then(|body| Some(printable(body["error_message"].as_str()?, MESSAGE_CHARACTERS)));
                 Err(WebError::Refused(status, message.unwrap_or_else(|| "without a reason".to_owned())))
             }
         }

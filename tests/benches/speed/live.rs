@@ -20,10 +20,11 @@ use skein_common::message::Health;
 use skein_common::state::Activity;
 use skein_common::statistics::quantile;
 use skein_common::topic::Branch;
+use skein_tests::processes::{children_of, processor_time_s};
 
 use crate::{one_ring, print_table, row};
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
+pub(super) const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
 /// Numbers of agents.
 const SIZES: [usize; 5] = [4, 16, 32, 48, 64];
 /// How long each flight lasts, and its last part that is measured: by then all vehicles are in the air, s.
@@ -32,8 +33,6 @@ const MEASURED_S: u64 = 20;
 /// How long the vehicles may take to find each other, and to land and end afterwards, s.
 const GATHER_S: u64 = 60;
 const LAND_S: u64 = 60;
-/// Ticks of the processor times in `/proc`, Hz: Linux shows every program 100, whatever the kernel counts in.
-const PROC_HZ: f64 = 100.0;
 
 /// Processor time and counters at one instant.
 #[derive(Clone, Debug)]
@@ -108,7 +107,7 @@ pub(super) fn print() {
 /// What the flight printed if it did not end well.
 fn fly(vehicles: usize) -> Result<Measured, String> {
     let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
-    let mut flight = Flight::start(folder.path(), vehicles);
+    let mut flight = Flight::start(folder.path(), vehicles, FLIGHT_S);
     let deadline = Instant::now() + Duration::from_secs(GATHER_S + FLIGHT_S + LAND_S);
     let measured = flight.observe(vehicles, deadline);
     let ended = flight.end(deadline);
@@ -130,24 +129,43 @@ fn message_us() -> Result<f64, String> {
     report["measured"]["time"]["word_us"].as_f64().ok_or_else(|| "it measured no processor time".to_owned())
 }
 
+/// Whether the vehicle has left the ground.
+pub(super) fn flies(health: &Health) -> bool {
+    health.activity != Activity::Joining
+}
+
 /// A flight with all its processes, of which none outlives this value.
-struct Flight {
+pub(super) struct Flight {
     fly: Child,
     folder: String,
     agents: BTreeSet<u32>,
 }
 
 impl Flight {
-    fn start(folder: &Path, vehicles: usize) -> Self {
+    /// Starts the flight of one ring.
+    pub(super) fn start(folder: &Path, vehicles: usize, duration_s: u64) -> Self {
         let errors = File::create(folder.join("stderr")).expect("a file in the flight's folder");
         let mut command = Command::new(PROGRAM);
         command.args(["fly", "--anyway", "--json", "--out", "out", "--timeout", &GATHER_S.to_string()]);
-        command.args(["--duration", &FLIGHT_S.to_string()]);
+        command.args(["--duration", &duration_s.to_string()]);
         one_ring(vehicles).iter().for_each(|set| _ = command.args(["--set", set]));
         // A runtime folder of its own keeps other swarms of this PC away.
         command.current_dir(folder).env("XDG_RUNTIME_DIR", folder.join("runtime")).env_remove("RUST_LOG");
         let fly = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(errors).spawn().expect("the flight starts");
         Self { fly, folder: folder.display().to_string(), agents: BTreeSet::new() }
+    }
+
+    /// Notes the agents' processes, until there is one for each vehicle.
+    pub(super) fn find_agents(&mut self, vehicles: usize) {
+        if self.agents.len() < vehicles {
+            self.agents.extend(children_of(self.fly.id()));
+        }
+    }
+
+    /// An observer of the swarm, as soon as there is one.
+    pub(super) fn observer(&self) -> Option<Observer> {
+        let found = endpoints::find(&Path::new(&self.folder).join("runtime/skein"), None).ok()?;
+        Observer::open(&Reach::here(&found, Branch::SWARM), TraceSubscription::Off).ok()
     }
 
     /// Observes the flight until its measured part is over, it has ended, or the deadline has passed.
@@ -156,22 +174,16 @@ impl Flight {
         let mut observer = None;
         let mut airborne = None;
         let mut reported = BTreeMap::new();
-        let runtime = Path::new(&self.folder).join("runtime/skein");
         while Instant::now() < deadline && self.fly.try_wait().is_ok_and(|ended| ended.is_none()) {
             sleep(Duration::from_millis(200));
-            if self.agents.len() < vehicles {
-                self.agents.extend(children_of(self.fly.id()));
-            }
+            self.find_agents(vehicles);
             if observer.is_none() {
-                let endpoints = endpoints::find(&runtime, None).ok();
-                observer = endpoints
-                    .and_then(|found| Observer::open(&Reach::here(&found, Branch::SWARM), TraceSubscription::Off).ok());
+                observer = self.observer();
             }
             let Some(observer) = &mut observer else { continue };
             observer.poll();
             let ids = VehicleId::first(vehicles);
             let health: Vec<(&Health, Instant)> = ids.filter_map(|id| observer.health_of(id)).collect();
-            let flies = |health: &Health| health.activity != Activity::Joining;
             if airborne.is_none() && health.len() == vehicles && health.iter().all(|(health, _)| flies(health)) {
                 airborne = Some(Instant::now());
             }
@@ -259,24 +271,4 @@ impl Measured {
             figure("false_suspicions", 0),
         ]
     }
-}
-
-/// The fields of `/proc/PID/stat` after the program's name, which may contain spaces.
-fn stat(pid: u32) -> Option<Vec<String>> {
-    let text = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    Some(text.rsplit_once(')')?.1.split_whitespace().map(str::to_owned).collect())
-}
-
-/// Processor time of a process, user and system, s; `None` if it has ended.
-fn processor_time_s(pid: u32) -> Option<f64> {
-    let stat = stat(pid)?;
-    let ticks = |nth: usize| stat.get(nth)?.parse::<f64>().ok();
-    Some((ticks(11)? + ticks(12)?) / PROC_HZ)
-}
-
-/// The processes that this process has started.
-fn children_of(parent: u32) -> Vec<u32> {
-    let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
-    let pids = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
-    pids.filter(|&pid| stat(pid).is_some_and(|stat| stat.get(1).is_some_and(|of| *of == parent.to_string()))).collect()
 }

@@ -1,10 +1,11 @@
-//! How fast Skein is on this PC: `cargo bench -p skein-tests`, or one part of it with `-- virtual` or `-- live`.
+//! How fast Skein is on this PC: `cargo bench -p skein-tests`, or one part of it with `-- virtual`, `-- live` or `-- page`.
 //!
 //! | module | what it measures |
 //! | --- | --- |
 //! | [`virtual_time`] | flights in virtual time: processor time, memory, the cost of a study |
 //! | [`stages`] | the stages of a vehicle's frame, by replaying what a [`swarm`] recorded |
 //! | [`live`] | agents in real time over Zenoh |
+//! | [`page`] | what the page of `skein view` costs the agents that it shows, and its own server |
 //!
 //! Times are processor time, which depends little on what else this PC does. Nothing in Skein measures itself for this: the
 //! stages are called through their public interfaces.
@@ -13,6 +14,8 @@
 
 #[cfg(target_os = "linux")]
 mod live;
+#[cfg(target_os = "linux")]
+mod page;
 mod stages;
 mod swarm;
 mod virtual_time;
@@ -90,10 +93,12 @@ fn main() {
         virtual_time::print();
         stages::print();
     }
-    if is_wanted("live") {
-        #[cfg(target_os = "linux")]
-        live::print();
-        #[cfg(not(target_os = "linux"))]
-        println!("the live part of the bench reads the processor time of agents from /proc: on Linux only");
+    #[cfg(target_os = "linux")]
+    for (part, print) in [("live", live::print as fn()), ("page", page::print)] {
+        if is_wanted(part) {
+            print();
+        }
     }
+    #[cfg(not(target_os = "linux"))]
+    println!("the parts in real time read the processor time of agents from /proc: on Linux only");
 }

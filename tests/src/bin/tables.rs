@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use skein_tests::{
-    central, central_summary, conversion, divergence, faults, fit, fleets, formation_error, golden, halves, laws, tour,
-    variants, wind, wire,
+    central, central_summary, conversion, divergence, faults, fit, fleets, formation_error, golden, halves, laws,
+    missions, tour, variants, wind, wire,
 };
 
 /// Flies many swarms in virtual time and prints their figures
@@ -40,8 +40,13 @@ enum Table {
     Halves,
     /// Flies the flights of the golden files again, writes the files and prints which medians changed
     Golden,
+    /// Ten agents on one PC in real time, over ten stand-ins: what they take of it, and the ring
+    #[cfg(target_os = "linux")]
+    OnePc,
     /// Every law with 4, 8 and 16 vehicles behind a moving centre, in Markdown
     Laws,
+    /// Random missions with up to four faults; below, every mission that failed, as small as it can be
+    Missions,
     /// The ring's error with 4 to 32 vehicles, 0 to 50 % loss and 0 to 2 s delay, from the golden file
     Network,
     /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, one seed after the
@@ -86,6 +91,9 @@ fn main() -> ExitCode {
             Table::Halves => halves::table(seeds),
             Table::Golden => write_golden(),
             Table::Laws => laws::markdown(&laws::LAWS, &laws::VEHICLES, seeds),
+            #[cfg(target_os = "linux")]
+            Table::OnePc => skein_tests::one_pc::table(),
+            Table::Missions => missions::table(seeds),
             Table::Network => formation_error::markdown(&formation_error::golden()),
             Table::Divergence => divergence::table(seeds),
             Table::Tour => tour::table(&[2, 4, 8, 16], &[0.0, 0.1, 0.2, 0.3], &[0.0, 0.2, 0.5, 1.0], seeds),

@@ -39,6 +39,7 @@ pages! {
     fleets: "deploy/book/src/fleets.md",
     fleets_live: "deploy/book/src/fleets-live.md",
     studies: "deploy/book/src/studies.md",
+    view: "deploy/book/src/view.md",
     recordings: "deploy/book/src/recordings.md",
     programs: "deploy/book/src/programs.md",
     xplane: "deploy/book/src/xplane.md",

@@ -14,6 +14,7 @@ mod markdown;
 mod reference;
 mod runner;
 mod same;
+mod threats;
 
 use std::path::PathBuf;
 

@@ -22,7 +22,7 @@ use skein_agent::link::signature::SigningKey;
 use skein_agent::link::signature::messages::{ADDED_BYTES, KeyRing};
 use skein_agent::link::{Security, Sessions};
 use skein_common::frame::{Geodetic, VelocityNed};
-use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleName};
+use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleName, VehicleSet};
 use skein_common::message::{self, Header, Heartbeat, Message, Order, Signature, State, Verb};
 use skein_common::state::{Membership, VehicleState};
 use skein_common::time::SenderStamp;
@@ -190,8 +190,8 @@ fn open(who: &str) -> Sessions {
             let known: Vec<PeerIdentity> =
                 serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
             let vehicles = VehicleId::first(HOSTS.into()).map(VehicleName::from).zip(known).collect();
-            let (observer, operator) = ("observer".to_owned(), "operator".to_owned());
-            ("tls", Security::Tls(Tls { authority, certificate, key, vehicles, observer, operator }))
+            let (observers, operator) = (vec!["observer".to_owned()], "operator".to_owned());
+            ("tls", Security::Tls(Tls { authority, certificate, key, vehicles, observers, operator }))
         }
     };
     let dial: Vec<String> = nodes().map(|(address, port)| format!("{protocol}/{address}:{port}")).collect();
@@ -242,7 +242,9 @@ impl Intruder {
             reached: Some(399),
             progress_m: 0.0,
             order: Some(order(None)),
+            orders: 0,
             echo: None,
+            lost: VehicleSet::default(),
         };
         let sent = self.send(run, Topic::State(id, Cell::default()), &State { header, state })
             + self.send(run, Topic::Mission(id), &mission)
@@ -288,5 +290,5 @@ impl Intruder {
 }
 
 fn order(signature: Option<Signature>) -> Order {
-    Order { epoch: 1 << 40, issuer: FORGER, verb: Verb::Abort, signature }
+    Order { epoch: 1 << 40, issuer: FORGER, verb: Verb::Abort, vehicles: None, signature }
 }

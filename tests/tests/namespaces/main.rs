@@ -7,6 +7,7 @@
 #![expect(clippy::disallowed_methods, reason = "real processes take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
+mod cards;
 mod network;
 mod sites;
 mod swarm;

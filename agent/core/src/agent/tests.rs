@@ -166,7 +166,7 @@ fn without_any_peer_the_vehicle_holds_its_position() {
 #[test]
 fn an_order_received_once_is_taken_and_repeated() {
     let mut flight = Flight::new(&scenario(&[]));
-    let order = Order { epoch: 3, issuer: 9, verb: Verb::Land, signature: None };
+    let order = Order { epoch: 3, issuer: 9, verb: Verb::Land, vehicles: None, signature: None };
     let outputs = flight.frame(Some(&measured(30.0)), &[PeerMessage::Order(order)]);
     assert_eq!(outputs.outbox.happened, [EventKind::OrderTaken(order)]);
     assert_eq!(outputs.outbox.mission.and_then(|mission| mission.order), Some(order), "at once");
@@ -259,6 +259,41 @@ fn any_message() -> impl Strategy<Value = PeerMessage> {
     ]
 }
 
+#[test]
+fn a_released_vehicle_gets_no_controls_and_is_taken_back_without_a_step_of_the_controls() {
+    let mut flight = Flight::new(&scenario(&[]));
+    let order = |epoch, verb| {
+        let vehicles = Some([id(1)].into_iter().collect());
+        PeerMessage::Order(Order { epoch, issuer: 9, verb, vehicles, signature: None })
+    };
+    let released = flight.frame(Some(&measured(30.0)), &[order(1, Verb::Release)]);
+    assert_eq!(released.command, Some(Command::Release));
+    assert!(released.outbox.happened.contains(&EventKind::ControlsReleased), "{:?}", released.outbox.happened);
+    let (happened, command) = flight.without_frames(0.4);
+    assert_eq!((command, happened), (None, vec![EventKind::OwnDataStale]), "not even neutral controls");
+    let followed: Vec<_> = (0..50).map(|_| flight.frame(Some(&measured(40.0)), &[])).collect();
+    assert!(followed.iter().all(|outputs| outputs.command == Some(Command::Release)));
+    assert!(followed.iter().any(|outputs| outputs.outbox.state.is_some()), "its peers know where it is");
+    // Small ones: a vehicle that does not move under large ones would have a stuck servo.
+    let by_pilot = Controls { roll: 0.02, pitch: -0.03, yaw: 0.0, collective: 0.9 };
+    flight.agent.controls_are(Some(by_pilot));
+    let taken = flight.frame(Some(&measured(40.0)), &[order(2, Verb::Goto(0))]);
+    assert!(taken.outbox.happened.contains(&EventKind::ControlsTakenBack), "{:?}", taken.outbox.happened);
+    let mut before = taken.command.and_then(Command::controls).unwrap();
+    let apart = |one: Controls, other: Controls| {
+        let axes =
+            [one.roll - other.roll, one.pitch - other.pitch, one.yaw - other.yaw, one.collective - other.collective];
+        axes.into_iter().map(f64::abs).fold(0.0, f64::max)
+    };
+    assert!(apart(before, by_pilot) < 1e-12, "{before:?}");
+    for _ in 0..60 {
+        let after = flight.frame(Some(&measured(40.0)), &[]).command.and_then(Command::controls).unwrap();
+        assert!(apart(before, after) < 0.03, "{before:?} {after:?}");
+        before = after;
+    }
+    assert!(apart(before, by_pilot) > 0.1, "the rules fly after a second: {before:?}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
@@ -274,6 +309,7 @@ proptest! {
         let is_within_limits = |command| match command {
             Command::Controls(controls) => !is_point_mass && controls.is_within_limits(),
             Command::Velocity(velocity) => is_point_mass && velocity.is_finite(),
+            Command::Release => true,
         };
         for (measurement, messages) in frames {
             let outputs = flight.frame(Some(&measurement), &messages);

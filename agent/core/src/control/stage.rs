@@ -8,7 +8,7 @@ use super::{
     CollectiveLimit, ControlFault, ControlOutput, Gains, Rules, Setpoint, Trim, VehicleController, VelocityController,
 };
 use crate::estimate::Estimate;
-use crate::plant::Command;
+use crate::plant::{Command, Controls};
 
 /// The controller of a vehicle, of the kind that the scenario's `plant.model` needs.
 #[derive(Clone, Debug)]
@@ -72,6 +72,15 @@ impl Controller {
         match self {
             Self::Helicopter(controller) => Command::Controls(controller.unload(dt_s)).into(),
             Self::PointMass(controller) => Command::Velocity(controller.stop()).into(),
+        }
+    }
+
+    /// Takes the vehicle over from a human pilot who left the controls in these positions ([`VehicleController::take_over`]).
+    /// A point mass flies at its limits of acceleration in any case.
+    pub fn take_over(&mut self, controls: Option<Controls>) {
+        match self {
+            Self::Helicopter(controller) => controller.take_over(controls),
+            Self::PointMass(_) => {}
         }
     }
 

@@ -14,7 +14,7 @@
 use alloc::vec::Vec;
 
 use nalgebra::{Vector2, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use skein_common::id::VehicleId;
 use skein_common::message::{EventKind, LawNumber};
 use skein_common::scenario;
@@ -26,7 +26,7 @@ use super::law::{self, Neighbour, Observation};
 const ROUNDING_S: f64 = 1e-6;
 
 /// A query to a law, with everything that a built-in law observes. Names and order are those of the wire format.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawQuery {
     /// The vehicle that sends the query.
     pub vehicle: VehicleId,
@@ -45,7 +45,7 @@ pub struct LawQuery {
 }
 
 /// The vehicle's own state.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OwnState {
     /// Position north, east, down, m.
     pub position_ned_m: [f64; 3],
@@ -58,7 +58,7 @@ pub struct OwnState {
 }
 
 /// The state of another live member.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PeerState {
     /// The member's id.
     pub id: VehicleId,
@@ -75,7 +75,7 @@ pub struct PeerState {
 }
 
 /// Position, motion and size of the formation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct QueryGoal {
     /// Step of the mission, counted from 0.
     pub step: usize,
@@ -92,7 +92,7 @@ pub struct QueryGoal {
 }
 
 /// The reply of an external law. Every number is finite; no other property is guaranteed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawReply {
     /// The vehicle whose query is answered.
     pub vehicle: VehicleId,
@@ -109,12 +109,12 @@ pub struct LawReply {
 }
 
 /// The command of an external law.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ReplyCommand {
     /// Velocity over the ground, north, east, down, m/s.
-    VelocityNed(Vector3<f64>),
+    VelocityNed(#[serde(with = "crate::encoding::vector")] Vector3<f64>),
     /// Field, north and east, dimensionless, at the goal's altitude.
-    FieldNe(Vector2<f64>),
+    FieldNe(#[serde(with = "crate::encoding::vector")] Vector2<f64>),
 }
 
 /// One vehicle's exchange with its external law.

@@ -182,12 +182,14 @@ impl LawCommand {
         Self::Velocity { ne_m_s, down_m_s: None }
     }
 
-    /// The same command, or a zero displacement if it is not finite.
+    /// The same command, or a zero displacement if its length is not finite: that of 1e200 is not, because it is squared.
     pub(super) fn sane(self) -> Self {
         let finite = match self {
-            Self::Field(field) => field.iter().all(|x| x.is_finite()),
-            Self::Displacement(displacement_ne_m) => displacement_ne_m.iter().all(|x| x.is_finite()),
-            Self::Velocity { ne_m_s, down_m_s } => ne_m_s.iter().chain(&down_m_s).all(|x| x.is_finite()),
+            Self::Field(field) => field.norm_squared().is_finite(),
+            Self::Displacement(displacement_ne_m) => displacement_ne_m.norm_squared().is_finite(),
+            Self::Velocity { ne_m_s, down_m_s } => {
+                ne_m_s.norm_squared().is_finite() && down_m_s.is_none_or(f64::is_finite)
+            }
         };
         if finite { self } else { Self::Displacement(Vector2::zeros()) }
     }
@@ -212,5 +214,25 @@ impl Observation<'_> {
     /// Displacement from the centre to this vehicle, north and east, m.
     pub fn from_centre_ne_m(&self) -> Vector2<f64> {
         self.position.horizontal() - self.goal.centre.horizontal()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_whose_length_is_not_finite_becomes_none() {
+        for wrong in [f64::NAN, f64::INFINITY, 4e176] {
+            for command in [
+                LawCommand::Field(Vector3::new(0.0, wrong, 0.0)),
+                LawCommand::Displacement(Vector2::new(wrong, 1.0)),
+                LawCommand::level(Vector2::new(1.0, wrong)),
+            ] {
+                assert_eq!(command.sane(), LawCommand::Displacement(Vector2::zeros()), "{command:?}");
+            }
+        }
+        let fast = LawCommand::level(Vector2::new(1e9, 0.0));
+        assert_eq!(fast.sane(), fast);
     }
 }

@@ -55,7 +55,11 @@ impl Laws {
 static ADDED: OnceBox<Laws> = OnceBox::new();
 
 /// Builds the law of a formation for vehicle `own`.
-pub(super) fn make(
+///
+/// # Errors
+///
+/// A law that this program does not know, or parameters that the law refuses.
+pub fn make(
     scenario: &Scenario,
     formation: &scenario::Formation,
     own: VehicleId,

@@ -57,6 +57,11 @@ pub struct Constraint {
 }
 
 impl Constraint {
+    /// The velocities v with `away`·v ≥ `least_m_s`, for a unit vector `away`.
+    pub(super) fn half_plane(away: Vector2<f64>, least_m_s: f64) -> Self {
+        Self { along_m: away, least: least_m_s }
+    }
+
     /// The same constraint for the velocity relative to `carried_ne_m_s`, this vehicle's feed-forward, while the other
     /// vehicle moves at `other_ne_m_s`.
     pub fn relative(self, carried_ne_m_s: Vector2<f64>, other_ne_m_s: Vector2<f64>) -> Self {

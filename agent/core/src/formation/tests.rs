@@ -172,6 +172,24 @@ proptest! {
 }
 
 #[test]
+fn a_vehicle_keeps_away_from_an_obstacle_that_flies_towards_it_sooner_than_from_one_that_stays() {
+    let north_m_s = |speed_m_s: f64| {
+        let obstacle = PeerEstimate {
+            role: Role::Obstacle { radius_m: 8.0 },
+            velocity: VelocityNed::new(-speed_m_s, 0.0, 0.0),
+            ..member(3, 30.0, 0.0, 30.0)
+        };
+        let mut formation = formation("law = 'displacement-consensus'");
+        let stay = Task::Stay { at_ne_m: Vector2::zeros(), altitude_m: 30.0, heading_rad: 0.0, lands: false };
+        let flown =
+            formation.step(0.02, &at(0.0, 0.0, 30.0), summary(&[obstacle], false), &stay, &mut Workspace::default());
+        flown.unwrap().setpoint.relative_velocity_ne_m_s.x
+    };
+    assert_eq!(north_m_s(0.0), 0.0, "30 m away it may stay");
+    assert!(north_m_s(10.0) < -2.0 && north_m_s(10.0) < north_m_s(8.0), "{} {}", north_m_s(10.0), north_m_s(8.0));
+}
+
+#[test]
 fn a_velocity_command_is_over_the_ground_with_or_without_feedforward() {
     for feedforward in [true, false] {
         let lines = format!("law = 'vasarhelyi'\nfeedforward = {feedforward}\nsafety_filter = 'none'");

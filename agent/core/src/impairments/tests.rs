@@ -33,7 +33,7 @@ fn mission(sender: u8, sequence: u64) -> PeerMessage {
 }
 
 fn order(epoch: u64) -> PeerMessage {
-    PeerMessage::Order(Order { epoch, issuer: 1, verb: Verb::Hold, signature: None })
+    PeerMessage::Order(Order { epoch, issuer: 1, verb: Verb::Hold, vehicles: None, signature: None })
 }
 
 /// The receiver's data this long after take-off, without a position.

@@ -13,9 +13,12 @@
 //!   later step;
 //! * (c) by an operator's order.
 //!
+//! An order that names vehicles only sends these ahead: they do not vouch for the step, so that the others do not follow.
+//!
 //! # Effects of one false agreement state
 //!
-//! A vehicle *vouches* for the steps to which it came by (a), (b) or (c), not for those to which only (b') brought it.
+//! A vehicle *vouches* for the steps to which it came by (a), (b) or (c), not for those to which only (b') or an order to it
+//! alone brought it.
 //! Of two vehicles that vouch for a step one is honest, so such a step was earned: some honest vehicle reached the step
 //! before it. A single false vehicle, with a stolen key for example, therefore cannot move an honest vehicle that is in
 //! contact with a third. It can
@@ -141,6 +144,11 @@ impl Agreement {
     /// Executes an operator's order that no vehicle be at an earlier step.
     pub fn order(&mut self, step: u32) -> Option<Progress> {
         self.own.vouched = self.own.vouched.max(step.min(self.last_step));
+        self.carry(step)
+    }
+
+    /// Executes an operator's order that this vehicle be at no earlier step, whatever the others do.
+    pub fn send_ahead(&mut self, step: u32) -> Option<Progress> {
         self.carry(step)
     }
 

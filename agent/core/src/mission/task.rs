@@ -7,6 +7,8 @@ use nalgebra::Vector2;
 pub enum Task {
     /// Leave the controls unchanged.
     Wait,
+    /// Leave the controls to a human pilot.
+    Release,
     /// Fly the formation law.
     Formation(MissionGoal),
     /// Fly to this position and stay there.

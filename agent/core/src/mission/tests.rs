@@ -1,3 +1,5 @@
+mod orders;
+
 use proptest::prelude::*;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
 use skein_common::scenario::{Source, load};
@@ -5,8 +7,8 @@ use skein_common::scenario::{Source, load};
 use super::*;
 use crate::testing::{header, heartbeat, id, progress, report};
 
-const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, signature: None };
-const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, signature: None };
+const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, vehicles: None, signature: None };
+const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, vehicles: None, signature: None };
 
 fn at(seconds: f64) -> Now {
     Now { plant: PlantTime::from_seconds(seconds), local: LocalTime::from_seconds(seconds) }
@@ -43,7 +45,7 @@ struct One {
 
 impl One {
     fn new(steps: &str, more: &str) -> Self {
-        let mission = Mission::new(&scenario(steps, more), None);
+        let mission = Mission::new(&scenario(steps, more), id(1), None);
         let contact = [2, 3].map(id).into_iter().collect();
         Self { mission, view: View::default(), events: Vec::new(), sequence: 0, heartbeats: Vec::new(), contact }
     }
@@ -301,6 +303,17 @@ fn a_vehicle_without_own_data_is_not_waited_for_and_rejoins() {
 }
 
 #[test]
+fn a_vehicle_back_on_the_ground_takes_off_at_once_if_it_has_received_its_peers_meanwhile() {
+    let mut one = One::active(TWO, "");
+    one.mission.withdraw();
+    formation(one.step(10.0, 0.24));
+    one.mission.withdraw();
+    one.view.conditions.insert(Condition::AllPeersLost);
+    assert_eq!(one.step(20.0, 0.24), Task::Wait, "it has received none");
+    assert_eq!(one.mission.membership(), Membership::Joining);
+}
+
+#[test]
 fn a_vehicle_holds_while_alone_and_continues_when_a_peer_is_back() {
     let mut one = One::active(ONE, "");
     one.step(20.0, 30.0);
@@ -320,9 +333,9 @@ fn a_goto_order_ends_a_hold() {
     let mut one = One::active(TWO, "");
     one.order(HOLD);
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
-    one.order(Order { epoch: 2, issuer: 1, verb: Verb::Goto(0), signature: None });
+    one.order(Order { epoch: 2, issuer: 1, verb: Verb::Goto(0), vehicles: None, signature: None });
     assert_eq!(formation(one.step(21.0, 30.0)).step, 0);
-    one.order(Order { epoch: 3, issuer: 1, verb: Verb::Goto(1), signature: None });
+    one.order(Order { epoch: 3, issuer: 1, verb: Verb::Goto(1), vehicles: None, signature: None });
     assert_eq!(formation(one.step(22.0, 30.0)).step, 1);
 }
 
@@ -333,12 +346,12 @@ fn the_larger_order_wins() {
         one.order(order);
     }
     assert_eq!(one.take_events(), [EventKind::OrderTaken(HOLD), EventKind::OrderTaken(LAND)]);
-    assert_eq!(one.mission.order(), Some(LAND));
+    assert_eq!(one.mission.orders().largest(), Some(LAND));
 }
 
 #[test]
 fn a_landing_can_be_recalled_but_an_abort_cannot() {
-    let later = Order { epoch: 9, issuer: 1, verb: Verb::Goto(0), signature: None };
+    let later = Order { epoch: 9, issuer: 1, verb: Verb::Goto(0), vehicles: None, signature: None };
     let mut one = One::active(ONE, "");
     one.order(LAND);
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
@@ -490,7 +503,7 @@ fn orders_spread_among_peers_with_the_same_plan() {
         one.mission.take_report(&report(&heartbeat), &mut one.events);
     }
     assert_eq!(one.take_events(), [EventKind::PlanDiffers(id(2))], "reported once");
-    assert_eq!(one.mission.order(), None, "an order of another plan is ignored");
+    assert_eq!(one.mission.orders().largest(), None, "an order of another plan is ignored");
     for heartbeat in [friend, friend] {
         one.mission.take_report(&report(&heartbeat), &mut one.events);
     }
@@ -545,7 +558,7 @@ proptest! {
     ) {
         const STEP: &str = "{ centre_ne_m = [0, 0], dwell_s = 0.1 }";
         let steps = [STEP; 6].join(", ");
-        let mut missions: [_; 3] = std::array::from_fn(|_| Mission::new(&scenario(&steps, ""), None));
+        let mut missions: [_; 3] = std::array::from_fn(|nth| Mission::new(&scenario(&steps, ""), id(nth as u8 + 1), None));
         let mut plain = missions.clone();
         let (mut revisions, mut last_known) = ([0_u64; 3], [const { Vec::new() }; 3]);
         // The heartbeats each vehicle has last received from each.

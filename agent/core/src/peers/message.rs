@@ -1,5 +1,6 @@
 //! Received messages, as the stages of the loop get them.
 
+use serde::{Deserialize, Serialize};
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::VehicleId;
 use skein_common::message::{Header, Heartbeat, Order, State};
@@ -7,7 +8,7 @@ use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
 
 /// A received message with its time of arrival.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Received {
     /// The message.
     pub message: PeerMessage,
@@ -16,7 +17,7 @@ pub struct Received {
 }
 
 /// A message from a peer, the network or an operator.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum PeerMessage {
     /// A peer's state.
     State(ReceivedState),
@@ -31,7 +32,7 @@ pub enum PeerMessage {
 }
 
 /// A peer's state with its position in the swarm's frame, converted once for all receivers in this process.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReceivedState {
     /// Sender, number and time of the message.
     pub header: Header,

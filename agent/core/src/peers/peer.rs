@@ -1,6 +1,6 @@
 //! What is known of one peer: its newest state and heartbeat, and the deadlines that they start.
 
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::Heartbeat;
 use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
@@ -56,7 +56,7 @@ pub(super) struct KeptHeartbeat {
     pub(super) agreement: Agreed,
 }
 
-/// The contents of a heartbeat on which the mission's agreement depends.
+/// The contents of a heartbeat on which the agreement and the status of its sender depend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Agreed {
     pub(super) same_plan: bool,
@@ -64,12 +64,14 @@ pub(super) struct Agreed {
     pub(super) step: u32,
     pub(super) vouched: u32,
     pub(super) reached: Option<u32>,
+    /// The vehicles that the sender has lost.
+    pub(super) lost: VehicleSet,
 }
 
 impl Agreed {
     pub(super) fn new(heartbeat: &Heartbeat, plan: u64) -> Self {
-        let &Heartbeat { membership, step, vouched, reached, .. } = heartbeat;
-        Self { same_plan: heartbeat.plan == plan, membership, step, vouched, reached }
+        let &Heartbeat { membership, step, vouched, reached, lost, .. } = heartbeat;
+        Self { same_plan: heartbeat.plan == plan, membership, step, vouched, reached, lost }
     }
 }
 
@@ -104,8 +106,10 @@ impl Status {
     pub(super) const YOUNG: Self = Self(1 << 11);
     /// A message that repeats what is known changes nothing of the status.
     pub(super) const SETTLED: Self = Self(1 << 12);
+    /// It is in contact, flies the same plan and reports that it has lost vehicles.
+    pub(super) const REPORTS_LOST: Self = Self(1 << 13);
     /// Number of kinds of status.
-    pub(super) const KINDS: usize = 13;
+    pub(super) const KINDS: usize = 14;
 
     pub(super) fn contains(self, other: Self) -> bool {
         self.0 & other.0 != 0
@@ -177,6 +181,11 @@ impl Peer {
         self.heartbeat.map_or(Membership::Joining, |heartbeat| heartbeat.agreement.membership)
     }
 
+    /// The vehicles that it has lost, by its newest heartbeat.
+    pub(super) fn lost(&self) -> VehicleSet {
+        self.heartbeat.map_or_else(VehicleSet::default, |heartbeat| heartbeat.agreement.lost)
+    }
+
     #[inline]
     fn flies_same_plan(&self) -> bool {
         self.heartbeat.is_some_and(|heartbeat| heartbeat.agreement.same_plan)
@@ -225,6 +234,7 @@ impl Peer {
             .with(Status::MAY_RETURN, may_return)
             .with(Status::MAY_FLY, may_return && active)
             .with(Status::YOUNG, !is_silent)
+            .with(Status::REPORTS_LOST, in_contact && self.flies_same_plan() && !self.lost().is_empty())
             .with(Status::SETTLED, in_contact && self.token != Some(false))
     }
 

@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{Echo, Header, Heartbeat, Order};
+use skein_common::message::{Echo, Header, Heartbeat, Order, StandingOrders};
 use skein_common::scenario::{Graph, Network, Scenario};
 use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
@@ -80,8 +80,8 @@ pub(super) struct Records {
     trip_changes: Vec<TripChange>,
     /// Vehicles whose round trips the last update changes.
     echoed: VehicleSet,
-    /// The largest order that has been reported.
-    order: Option<Order>,
+    /// The orders that have been reported.
+    known_orders: StandingOrders,
     now: LocalTime,
     /// End of the time in which peers may be silent for longer, because this computer was overloaded.
     lenient_until: LocalTime,
@@ -118,7 +118,7 @@ impl Records {
             orders: Vec::new(),
             trip_changes: Vec::new(),
             echoed: VehicleSet::default(),
-            order: None,
+            known_orders: StandingOrders::default(),
             now: LocalTime::ZERO,
             lenient_until: LocalTime::ZERO,
             first_update: None,
@@ -145,6 +145,7 @@ impl Records {
             reports: core::mem::take(&mut self.reports),
             orders: core::mem::take(&mut self.orders),
             trip_changes: core::mem::take(&mut self.trip_changes),
+            known_orders: other.known_orders.clone(),
             ..*other
         };
     }
@@ -390,9 +391,9 @@ impl Records {
             self.trip_changes.push(TripChange::Echoed { sender: id, at, transit_s, echo });
             self.echoed.insert(echo.of);
         }
-        if message.plan != plan || message.order > self.order {
+        let order = message.order.filter(|_| message.plan == plan);
+        if message.plan != plan || order.is_some_and(|order| self.known_orders.merge(order)) {
             self.reports.push(Report { id, plan: message.plan, order: message.order });
-            self.order = self.order.max(message.order.filter(|_| message.plan == plan));
         }
         self.arrived(id, at, is_changed);
     }

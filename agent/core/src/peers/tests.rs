@@ -128,7 +128,7 @@ fn messages_with_the_own_id_or_an_unknown_one_are_forged() {
     table.receive(
         1.0,
         &[
-            PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, signature: None }),
+            PeerMessage::Order(Order { epoch: 1, issuer: 1, verb: Verb::Land, vehicles: None, signature: None }),
             PeerMessage::Vanished(id(9)),
         ],
     );
@@ -198,6 +198,52 @@ fn of_two_partitions_the_one_without_the_lowest_id_flies_above() {
     assert!(flies_above(&mut table), "lost, although its states were never received");
     table.receive(61.5, &[]);
     assert!(!flies_above(&mut table), "after a minute no lost peer counts as flying");
+}
+
+/// The heartbeat of an active member that has lost these vehicles.
+fn with_lost<const N: usize>(sender: u8, sequence: u64, lost: [u8; N]) -> PeerMessage {
+    let heartbeat = heartbeat_of(header(sender, 1, sequence), 1, Membership::Active);
+    PeerMessage::Mission(Heartbeat { lost: lost.map(id).into_iter().collect(), ..heartbeat })
+}
+
+#[test]
+fn a_peer_that_does_not_receive_this_vehicle_is_an_obstacle_and_of_another_partition() {
+    let mut table = PeersStage(Peers::new(id(3), 4, 1, &network("")));
+    let states = |sequence| [1, 2, 4].map(|peer| state(peer, 1, sequence, 40.0 * f64::from(peer)));
+    table.receive(1.0, &states(1));
+    table.receive(1.0, &[with_lost(1, 1, []), with_lost(2, 1, []), with_lost(4, 1, [])]);
+    assert_eq!((table.0.members().len(), flies_above(&mut table)), (3, false));
+    table.receive(1.1, &states(2));
+    table.receive(1.1, &[with_lost(1, 2, [3, 4]), with_lost(2, 2, [3, 4]), with_lost(4, 2, [])]);
+    let roles = |table: &PeersStage| table.0.estimates().map(|peer| peer.role).collect::<Vec<_>>();
+    assert!(matches!(roles(&table)[..], [Role::Obstacle { .. }, Role::Obstacle { .. }, Role::Member]));
+    assert_eq!(table.0.members(), [id(4)].into_iter().collect());
+    assert_eq!(table.0.heartbeats().count(), 3, "the agreement follows all that it receives");
+    assert!(flies_above(&mut table), "1 does not know where this vehicle is");
+    table.receive(1.2, &[with_lost(1, 3, []), with_lost(2, 3, [3, 4])]);
+    assert!(!flies_above(&mut table), "1 receives this vehicle: its partition has the lowest id");
+    assert_eq!(table.0.members().len(), 2);
+    // Vehicle 1 has landed: its partition still has the lowest id, and 2 still flies below.
+    let left =
+        Heartbeat { lost: [3].map(id).into_iter().collect(), ..heartbeat_of(header(1, 1, 4), 1, Membership::Left) };
+    table.receive(1.25, &[PeerMessage::Mission(left)]);
+    assert!(flies_above(&mut table));
+    // The heartbeat of another plan says nothing of this swarm.
+    let other =
+        Heartbeat { lost: [id(3)].into_iter().collect(), ..heartbeat_of(header(1, 1, 5), 9, Membership::Active) };
+    let together = with_lost(2, 4, []);
+    table.receive(1.3, &[PeerMessage::Mission(other), together]);
+    assert!(!flies_above(&mut table));
+    // Of 1 and 4, without contact to 2 and 3, vehicle 1 has landed.
+    let mut table = PeersStage(Peers::new(id(4), 4, 1, &network("")));
+    table.receive(1.0, &[with_lost(1, 1, []), with_lost(2, 1, []), with_lost(3, 1, [])]);
+    table.receive(3.1, &[mission(1, 1, 2, Membership::Left)]);
+    assert_eq!(table.0.lost().len(), 2);
+    assert!(!flies_above(&mut table), "4 stays where its partition was");
+    let mut table = PeersStage(Peers::new(id(1), 4, 1, &network("")));
+    table.receive(1.0, &[with_lost(2, 1, []), with_lost(3, 1, [])]);
+    table.receive(3.1, &[with_lost(3, 2, [])]);
+    assert_eq!(table.0.lost(), [id(2)].into_iter().collect(), "what the own heartbeats report");
 }
 
 #[test]

@@ -196,7 +196,7 @@ mod tests {
         assert_eq!(bytes, message::encode(&event(1)));
         assert_eq!(plain.read("vehicle/1/event", &bytes), Ok(Verified { message: event(1), run: None }));
         assert_eq!(plain.read::<Event>("vehicle/2/event", &bytes), Err(VerificationError::OtherName));
-        let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: None };
+        let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, vehicles: None, signature: None };
         for key_ring in [plain, KeyRing::signed(name("lab"), BTreeMap::new())] {
             assert_eq!(key_ring.read("order/9", &message::encode(&order)), Ok(Verified { message: order, run: None }));
             assert_eq!(key_ring.read::<Order>("order/8", &message::encode(&order)), Err(VerificationError::OtherName));

@@ -6,33 +6,41 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use skein_common::id::SwarmName;
+use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{Order, Verb};
+use skein_common::scenario::TunableKey;
 use skein_common::topic::Branch;
 
 use super::{SigningKey, VerificationKey};
 
 /// Marks a signed order; nothing else signed with this key starts like this.
-const CONTEXT: &[u8] = b"skein order v1\0";
+const CONTEXT: &[u8] = b"skein order v2\0";
 
-/// Number of verified orders kept. Every peer repeats the same order five times a second, and rarely more than two are
-/// current.
-const KEPT: usize = 16;
+/// Number of verified orders kept. Every peer repeats five times a second one of the orders in force, of which there may be
+/// one for each vehicle and one for each key.
+const KEPT: usize = VehicleId::MAX as usize + TunableKey::ALL.len() + 6;
 
 /// The signed bytes: the order's content, swarm and run, and in a fleet its team, so that an order to one team is
-/// refused by the others. Every field has a fixed length.
+/// refused by the others. Every field has a fixed length; an order to the whole swarm has no bit set for a vehicle. Only an
+/// order that sets a key has the key's value.
 fn signed_bytes(swarm: &SwarmName, branch: Branch, run: u64, order: &Order) -> Vec<u8> {
     let (verb, step) = match order.verb {
         Verb::Hold => (0, 0),
         Verb::Land => (1, 0),
         Verb::Goto(step) => (2, step),
         Verb::Abort => (3, 0),
+        Verb::Release => (4, 0),
+        Verb::Set(setting) => (5, setting.key as u32),
     };
     let mut bytes = super::signed_prefix(CONTEXT, swarm, run);
     bytes.extend(order.epoch.to_le_bytes());
     bytes.extend(order.issuer.to_le_bytes());
     bytes.push(verb);
     bytes.extend(step.to_le_bytes());
+    bytes.extend(order.vehicles.unwrap_or_default().to_bytes());
+    if let Verb::Set(setting) = order.verb {
+        bytes.extend(setting.value.to_bits().to_le_bytes());
+    }
     bytes.extend(branch.team().into_iter().flat_map(|team| team.get().to_le_bytes()));
     bytes
 }
@@ -88,7 +96,7 @@ mod tests {
     use super::super::tests::{name, signing_key};
     use super::*;
 
-    const ORDER: Order = Order { epoch: 5, issuer: 9, verb: Verb::Goto(2), signature: None };
+    const ORDER: Order = Order { epoch: 5, issuer: 9, verb: Verb::Goto(2), vehicles: None, signature: None };
 
     fn team(number: u16) -> Branch {
         Branch::of(Some(TeamId::new(number).unwrap()))
@@ -112,10 +120,17 @@ mod tests {
             Order { issuer: 10, ..signed },
             Order { verb: Verb::Goto(3), ..signed },
             Order { verb: Verb::Abort, ..signed },
+            Order { vehicles: Some([VehicleId::new(1).unwrap()].into_iter().collect()), ..signed },
             Order { signature: Some(Signature::from_bytes([0; Signature::BYTES])), ..signed },
         ];
         for other in others {
             assert!(!is_signed(&key, &lab, Branch::SWARM, 7, &other), "{other:?}");
+        }
+        let set = |text: &str| Verb::Set(text.parse().unwrap());
+        let sets = sign(&operator, &lab, team(1), 7, Order { verb: set("formation.radius_m=80"), ..ORDER });
+        assert!(is_signed(&key, &lab, team(1), 7, &sets) && !is_signed(&key, &lab, Branch::SWARM, 7, &sets));
+        for text in ["formation.radius_m=81", "formation.altitude_m=80"] {
+            assert!(!is_signed(&key, &lab, team(1), 7, &Order { verb: set(text), ..sets }), "{text}");
         }
         assert!(!is_signed(&signing_key().key(), &lab, Branch::SWARM, 7, &signed), "signed by another operator");
     }
@@ -123,13 +138,25 @@ mod tests {
     /// The signed bytes are part of the protocol.
     #[test]
     fn the_signed_bytes_are_exactly_these() {
-        let mut golden = b"skein order v1\0".to_vec();
+        let mut golden = b"skein order v2\0".to_vec();
         golden.extend([3, 0, 0, 0, 0, 0, 0, 0]);
         golden.extend(b"lab");
         golden.extend([7, 0, 0, 0, 0, 0, 0, 0, 5, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0, 2, 2, 0, 0, 0]);
+        golden.extend([0; 32]);
         assert_eq!(signed_bytes(&name("lab"), Branch::SWARM, 7, &ORDER), golden);
         golden.extend([3, 1]);
         assert_eq!(signed_bytes(&name("lab"), team(259), 7, &ORDER), golden);
+        let vehicles = [1, 10].map(|number| VehicleId::new(number).unwrap()).into_iter().collect();
+        let named = signed_bytes(&name("lab"), team(259), 7, &Order { vehicles: Some(vehicles), ..ORDER });
+        let at = golden.len() - 34;
+        golden[at..at + 2].copy_from_slice(&[1, 2]);
+        assert_eq!(named, golden);
+
+        let verb = Verb::Set("formation.altitude_m=80".parse().unwrap());
+        let sets = signed_bytes(&name("lab"), team(259), 7, &Order { verb, ..ORDER });
+        golden[at - 5..at + 2].copy_from_slice(&[5, TunableKey::Altitude as u8, 0, 0, 0, 0, 0]);
+        golden.splice(golden.len() - 2.., 80.0_f64.to_le_bytes().into_iter().chain([3, 1]));
+        assert_eq!(sets, golden);
     }
 
     #[test]
@@ -137,14 +164,14 @@ mod tests {
         let (operator, lab) = (signing_key(), name("lab"));
         let checker = Checker::new(operator.key(), lab.clone(), Branch::SWARM);
         let signed = |epoch| sign(&operator, &lab, Branch::SWARM, 7, Order { epoch, ..ORDER });
-        for epoch in 0..100 {
+        for epoch in 0..200 {
             assert!(checker.is_signed(7, &signed(epoch)));
             assert!(!checker.is_signed(8, &signed(epoch)));
         }
         let known = || checker.known.lock().unwrap().clone();
         let before = known();
         assert_eq!(before.len(), KEPT);
-        assert!(checker.is_signed(7, &signed(99)) && !checker.is_signed(8, &signed(99)));
+        assert!(checker.is_signed(7, &signed(199)) && !checker.is_signed(8, &signed(199)));
         assert_eq!(known(), before, "not verified again");
     }
 }

@@ -24,6 +24,7 @@ fn health(sender: u8, sequence: u64, peers: &[u8]) -> Health {
         plant: "builtin".to_owned(),
         version: "0".to_owned(),
         failures: Vec::new(),
+        simulator_faults: Vec::new(),
         frame_rate_hz: 50.0,
         jitter_ms: 0.0,
         step_p50_us: 0.0,

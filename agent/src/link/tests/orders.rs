@@ -13,7 +13,7 @@ fn trust_in(swarm: &SwarmName, key: VerificationKey, run: u64) -> Trust {
 }
 
 fn order(epoch: u64, verb: Verb) -> Order {
-    Order { epoch, issuer: 9, verb, signature: None }
+    Order { epoch, issuer: 9, verb, vehicles: None, signature: None }
 }
 
 fn with_order(sender: u8, sequence: u64, order: Order) -> Heartbeat {
@@ -41,6 +41,12 @@ fn orders(received: &[Received]) -> Vec<Order> {
         .iter()
         .filter_map(|received| if let PeerMessage::Order(order) = received.message { Some(order) } else { None })
         .collect()
+}
+
+/// The drops other than of messages that arrived again: a test repeats a message until it has arrived, and a repeat may
+/// arrive at any time.
+fn drops_without_repeats(link: &Link) -> Drops {
+    Drops { old: 0, ..link.drops() }
 }
 
 /// Publishes `bad` orders until all are counted as refused, then the valid order `good` until it is stored; returns all
@@ -77,9 +83,10 @@ fn only_an_order_signed_by_the_operator_in_this_run_is_accepted() {
         Order { verb: Verb::Abort, ..good },
     ];
     assert_eq!(refused_then(&agent, &session, &bad, good), [good]);
-    let refused = agent.receiver.refused();
+    // All bad orders were sent before the good one, in the same session: they are counted by now.
+    let refused: Vec<_> = agent.receiver.refused().into_iter().filter(|kind| kind.reason != Reason::Old).collect();
     assert_eq!((refused.len(), refused[0].reason, refused[0].key.as_str()), (1, Reason::Unsealed, "order"));
-    assert!(refused[0].count == agent.drops().unsigned && agent.drops().total() == refused[0].count);
+    assert_eq!(drops_without_repeats(&agent), Drops { unsigned: refused[0].count, ..Drops::default() });
 }
 
 #[test]
@@ -91,13 +98,14 @@ fn an_order_invented_in_a_heartbeat_is_removed_and_counted() {
     let made_up = order(u64::MAX, Verb::Abort);
     let filed = store_heartbeat(&agent, &node, 2, made_up);
     assert_eq!(filed, Heartbeat { order: None, ..with_order(2, filed.header.sequence, made_up) });
-    let refused = agent.receiver.refused();
-    assert_eq!((refused[0].reason, refused[0].key.as_str()), (Reason::Unsealed, "vehicle/2/mission"));
-    assert_eq!(agent.drops(), Drops { unsigned: refused[0].count, ..Drops::default() });
 
     // An order in another vehicle's heartbeat is valid if the operator has signed it.
     let signed = sign(&operator, &swarm, Branch::SWARM, RUN, order(1, Verb::Land));
     assert_eq!(store_heartbeat(&agent, &node, 3, signed).order, Some(signed));
+    // The invented orders were sent before it, in the same session: they are counted by now.
+    let refused = agent.receiver.refused();
+    assert_eq!((refused.len(), refused[0].reason, refused[0].key.as_str()), (1, Reason::Unsealed, "vehicle/2/mission"));
+    assert_eq!(agent.drops(), Drops { unsigned: refused[0].count, ..Drops::default() });
 }
 
 #[test]
@@ -109,9 +117,8 @@ fn without_an_orders_key_any_order_is_accepted() {
     assert_eq!(refused_then(&agent, &session, &[], plain), [plain]);
     assert_eq!(store_heartbeat(&agent, &session, 2, order(2, Verb::Land)).order, Some(order(2, Verb::Land)));
     // Nothing is refused but the order itself, which is sent until it has arrived: once more, and it is old.
-    let repeats =
-        agent.receiver.refused().into_iter().filter(|it| it.reason == Reason::Old && it.key.contains("order"));
-    assert_eq!(agent.drops(), Drops { old: repeats.map(|it| it.count).sum(), ..Drops::default() });
+    assert!(agent.receiver.refused().iter().all(|kind| kind.reason == Reason::Old && kind.key.contains("order")));
+    assert_eq!(drops_without_repeats(&agent), Drops::default());
 }
 
 #[test]

@@ -89,7 +89,7 @@ impl Authority {
             certificate: file(&format!("{name}.pem")),
             key: self.key_file(name),
             vehicles: self.vehicles(),
-            observer: "observer".to_owned(),
+            observers: ["observer", "observer-1"].map(str::to_owned).into(),
             operator: "operator".to_owned(),
         }
     }
@@ -275,7 +275,7 @@ fn forge_order(session: &Session) {
 }
 
 fn forged_order() -> Order {
-    Order { epoch: 9, issuer: FORGER, verb: Verb::Land, signature: None }
+    Order { epoch: 9, issuer: FORGER, verb: Verb::Land, vehicles: None, signature: None }
 }
 
 /// Forges messages, an order and tokens.

@@ -88,7 +88,7 @@ fn a_vehicle_that_crosses_a_border_is_neither_lost_nor_seen_twice() {
 #[test]
 fn heartbeats_and_orders_stay_in_their_team() {
     let [own, mate, stranger] = three("team-orders");
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Hold, signature: None };
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Hold, vehicles: None, signature: None };
     let session = stranger.sessions.first();
     let mut sequence = 0;
     let received = until(

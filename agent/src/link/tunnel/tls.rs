@@ -6,7 +6,6 @@ use std::fs;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 
 use rustls_pki_types::pem::PemObject;
 use rustls_pki_types::{CertificateDer, PrivateKeyDer, ServerName};
@@ -24,7 +23,6 @@ use x509_parser::prelude::FromDer;
 use crate::link::LinkError;
 use crate::link::security::Tls;
 use crate::link::signature::VerificationKey;
-use skein_host::clock::utc_nanoseconds;
 
 /// The identified other end of a link.
 pub(in crate::link) struct Peer {
@@ -32,8 +30,6 @@ pub(in crate::link) struct Peer {
     pub(super) name: String,
     /// Vehicle of the agent; `None` for observers and operators.
     pub(super) vehicle: Option<VehicleName>,
-    /// Time until its certificate expires.
-    pub(super) valid_for: Duration,
 }
 
 /// TLS configuration for accepting and for making links.
@@ -83,7 +79,7 @@ impl TlsContext {
         server.send_tls13_tickets = 0;
         client.resumption = Resumption::disabled();
         let vehicles = tls.vehicles.iter().map(|(id, known)| (known.name.clone(), Some((*id, known.key))));
-        let guests = [&tls.observer, &tls.operator].map(|name| (name.clone(), None));
+        let guests = tls.guests().map(|name| (name.clone(), None));
         Ok(Self {
             acceptor: Arc::new(server).into(),
             connector: Arc::new(client).into(),
@@ -116,8 +112,12 @@ impl TlsContext {
     }
 
     fn peer(&self, connection: &CommonState) -> io::Result<Peer> {
-        let certificate =
-            connection.peer_certificates().and_then(<[_]>::first).ok_or_else(|| refused("no certificate"))?;
+        let certificates = connection.peer_certificates();
+        self.identify(certificates.and_then(<[_]>::first).ok_or_else(|| refused("no certificate"))?)
+    }
+
+    /// Identifies the owner of a certificate (DER) that the swarm's authority has signed.
+    fn identify(&self, certificate: &[u8]) -> io::Result<Peer> {
         let (_, certificate) = X509Certificate::from_der(certificate).map_err(refused)?;
         let name = certificate.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
         let name = name.ok_or_else(|| refused("a certificate without a common name"))?;
@@ -127,10 +127,7 @@ impl TlsContext {
         if known.is_some_and(|(_, key)| *certificate.public_key().subject_public_key.data != key.to_bytes()) {
             return Err(refused(format!("the certificate {name:?} is for a key that is not known here")));
         }
-        let ends_s = u64::try_from(certificate.validity().not_after.timestamp()).unwrap_or(0);
-        // Certificates expire by UTC.
-        let now = Duration::from_nanos(utc_nanoseconds());
-        Ok(Peer::new(name.to_owned(), known.map(|(id, _)| id), Duration::from_secs(ends_s).saturating_sub(now)))
+        Ok(Peer { name: name.to_owned(), vehicle: known.map(|(id, _)| id) })
     }
 }
 
@@ -151,3 +148,6 @@ fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, LinkError> 
     let all: Vec<_> = CertificateDer::pem_slice_iter(&text).filter_map(Result::ok).collect();
     if all.is_empty() { Err(missing(path, "CERTIFICATE")) } else { Ok(all) }
 }
+
+#[cfg(test)]
+mod tests;

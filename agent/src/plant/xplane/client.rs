@@ -12,8 +12,10 @@
 mod clock;
 mod controls;
 mod holder;
+mod inquiry;
+mod pilot;
 mod session;
-mod start;
+mod traffic;
 
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
@@ -21,20 +23,24 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
 use skein_common::math::{cos, hypot};
-use skein_common::message::Standstill;
+use skein_common::message::{SimulatorFault, Standstill};
 
 use super::convert;
+use super::placing::{Placing, PlacingState, is_flying};
 use super::wire::prel::Placement;
 use super::wire::rpos::{self, Position};
 use super::wire::{WireError, rref};
 use clock::Clock;
 use controls::ControlWriter;
 use holder::Holder;
+use inquiry::Inquiry;
+pub use inquiry::RANDOM_FAILURES;
+use pilot::Pilot;
 pub use session::Indices;
 use session::{METRES_PER_DEGREE, Provenance, Sender, Senders, TOP_SPEED_M_S, Value, wrap_deg};
 use skein_core::aircraft::Profile;
-use skein_core::plant::{Command, Controls, Frame};
-use start::Start;
+use skein_core::plant::{Command, Controls, Frame, PeerPose};
+use traffic::Traffic;
 
 /// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);
@@ -90,8 +96,16 @@ pub struct Client {
     controls: ControlWriter,
     clock: Clock,
     holder: Holder,
+    pilot: Pilot,
+    /// Whether the agent has left the controls to the pilot.
+    is_released: bool,
     /// Where the aircraft has to be placed before its flight.
-    start: Option<Start>,
+    placing: Option<Placing>,
+    traffic: Traffic,
+    /// What it asks of the simulator once, if it does.
+    inquiry: Option<Inquiry>,
+    /// The simulator's running time as last received, s.
+    running_s: f32,
     is_paused: bool,
     is_in_replay: bool,
     has_crashed: bool,
@@ -125,8 +139,13 @@ impl Client {
             controls: ControlWriter::new(profile)?,
             clock: Clock::new(),
             holder: Holder::new(indices.first().unsigned_abs()),
+            pilot: Pilot::default(),
+            is_released: false,
             indices,
-            start: None,
+            placing: None,
+            traffic: Traffic::default(),
+            inquiry: None,
+            running_s: 0.0,
             is_paused: false,
             is_in_replay: false,
             has_crashed: false,
@@ -145,7 +164,57 @@ impl Client {
 
     /// From now on places the aircraft, if it is on the ground elsewhere, before its flight.
     pub fn start_at(&mut self, place: Placement) {
-        self.start = Some(Start::at(place));
+        self.placing = Some(Placing::at(place));
+    }
+
+    /// From now on asks the simulator, once after each of its starts, which datarefs of the profile it has, watches its random
+    /// failures and its aircraft, and does not fly another aircraft than the profile is for.
+    pub fn inquire(&mut self) {
+        self.inquiry = Some(Inquiry::new(&self.profile));
+    }
+
+    /// From now on reports random failures of the simulator as wanted.
+    pub fn want_random_failures(&mut self) {
+        self.inquiry.iter_mut().for_each(Inquiry::want_failures);
+    }
+
+    /// From now on draws up to this number of peers, at most 19, as the simulator's other aircraft. `acf` is the path of
+    /// the aircraft file that is loaded for them, if any.
+    ///
+    /// # Errors
+    /// If the path does not fit into a message.
+    pub fn show_up_to(&mut self, most: usize, acf: Option<&str>) -> Result<(), WireError> {
+        self.traffic = Traffic::new(most, acf)?;
+        Ok(())
+    }
+
+    /// Whether it draws peers.
+    pub fn shows_peers(&self) -> bool {
+        self.traffic.is_on()
+    }
+
+    /// Draws the nearest of these peers, and no others.
+    pub fn show_peers(&mut self, peers: &[PeerPose], now: Instant, send: Send<'_>) {
+        // Without a position the simulator is not there, or is another one than this session's.
+        if self.last_position.is_some_and(|last| now < last + RESUBSCRIBE_SILENT) {
+            self.traffic.show(peers, now, &mut self.outgoing, send);
+        }
+    }
+
+    /// From now on the pilot takes the controls by moving the stick farther than this from its centre, as a share of its
+    /// travel.
+    pub fn release_at(&mut self, deflection: f64) {
+        self.pilot.take_at(deflection as f32);
+    }
+
+    /// Positions of the controls as X-Plane reports them now; `None` if one has not arrived lately.
+    pub fn controls(&self, now: Instant) -> Option<Controls> {
+        self.pilot.controls(now)
+    }
+
+    /// Whether the pilot's stick is moved so far that the pilot takes the controls.
+    pub fn pilot_takes_over(&self, now: Instant) -> bool {
+        self.pilot.takes_over(now)
     }
 
     /// X-Plane's version number, once received: 121400 is 12.1.4.
@@ -160,14 +229,21 @@ impl Client {
 
     /// Why the simulator does not simulate this program's flight, if it does not.
     pub fn standstill(&mut self, now: Instant) -> Option<Standstill> {
+        let other = self.inquiry.as_ref().and_then(Inquiry::other_aircraft);
         let reasons = [
-            (self.is_in_replay, Standstill::InReplay),
-            (self.is_paused, Standstill::Paused),
-            (self.has_crashed, Standstill::Crashed),
-            (self.holder.is_other(now), Standstill::Occupied),
-            (self.was_placed || self.start.is_some(), Standstill::Placed),
+            self.is_in_replay.then_some(Standstill::InReplay),
+            self.is_paused.then_some(Standstill::Paused),
+            self.has_crashed.then_some(Standstill::Crashed),
+            (!self.is_released && self.holder.is_other(now)).then_some(Standstill::Occupied),
+            other.map(Standstill::OtherAircraft),
+            (self.was_placed || self.placing.is_some()).then_some(Standstill::Placed),
         ];
-        reasons.into_iter().find_map(|(is_so, why)| is_so.then_some(why))
+        reasons.into_iter().flatten().next()
+    }
+
+    /// Faults of the simulator's set-up, as found by the last complete inquiry.
+    pub fn faults(&self) -> &[SimulatorFault] {
+        self.inquiry.as_ref().map_or(&[], Inquiry::faults)
     }
 
     /// Last measured rate, simulated seconds per local second; 1 until measured.
@@ -199,15 +275,29 @@ impl Client {
             self.subscribe(self.rate_hz, 1, send);
             self.last_subscribed = Some(now);
         }
+        if self.inquiry.as_ref().is_some_and(|inquiry| inquiry.other_aircraft().is_some()) {
+            // It is for its pilot to fly.
+            self.give_back(send);
+        }
         self.place(now, send);
+        let Self { inquiry, indices, outgoing, last_position, .. } = self;
+        let is_answering = last_position.is_some_and(|last| now < last + RESUBSCRIBE_SILENT);
+        if let Some(inquiry) = inquiry {
+            inquiry.proceed(now, is_answering, |nth, request| ask(indices, nth, request, outgoing, send));
+        }
     }
 
-    /// Places the aircraft if that is due.
+    /// Places the aircraft if that is due. An aircraft in the air is never placed: an agent that starts again in flight
+    /// finds it flying.
     fn place(&mut self, now: Instant, send: Send<'_>) {
-        let (Some(start), Some((position, _))) = (&mut self.start, &self.place) else { return };
-        if start.is_over(position) {
-            self.start = None;
-        } else if let Some(placement) = start.due(position, now) {
+        let (Some(placing), Some((position, _))) = (&mut self.placing, &self.place) else { return };
+        let state = placing.state(position);
+        if state == PlacingState::Failed {
+            tracing::warn!("the simulator did not place the aircraft at its start: the flight begins where it is");
+        }
+        if state != PlacingState::UnderWay || is_flying(position) {
+            self.placing = None;
+        } else if let Some(placement) = placing.due(Some(position), now) {
             placement.encode(&mut self.outgoing);
             send(&self.outgoing);
         }
@@ -220,6 +310,9 @@ impl Client {
         for value in Value::ALL {
             let frequency_hz = if value == Value::Version { slow_hz } else { rate_hz };
             let Some(path) = value.path(&self.profile) else { continue };
+            if !self.pilot.needs(value) {
+                continue;
+            }
             let index = self.indices.of(value);
             if (rref::DatarefRequest { frequency_hz, index, path }).encode(&mut self.outgoing).is_ok() {
                 send(&self.outgoing);
@@ -277,16 +370,31 @@ impl Client {
         for (index, value) in rref::decode_values(datagram)? {
             match self.indices.value(index) {
                 _ if !value.is_finite() => self.counters.malformed += 1,
-                Some(Value::RunningTime) => self.clock.running_time(now, value),
+                Some(Value::RunningTime) => {
+                    if value < std::mem::replace(&mut self.running_s, value) {
+                        self.traffic.simulator_restarted();
+                        self.inquiry.iter_mut().for_each(Inquiry::restart);
+                    }
+                    self.clock.running_time(now, value);
+                }
                 Some(Value::Paused) => self.is_paused = value != 0.0,
                 Some(Value::InReplay) => self.is_in_replay = value != 0.0,
                 Some(Value::Crashed) => self.has_crashed = value != 0.0,
                 Some(Value::Override) => self.holder.overridden(value != 0.0),
-                Some(Value::Roll) => self.holder.read(value, now),
+                Some(Value::Roll) => {
+                    self.holder.read(value, now);
+                    self.pilot.read(Value::Roll, value, now);
+                }
                 Some(Value::RotorSpeed) => self.rotor_speed = Some((now, value)),
                 Some(Value::Version) => self.version = Some(value as u32),
-                Some(part) => self.senders.place(part, value, now),
-                None => {}
+                Some(part @ (Value::Latitude | Value::Longitude | Value::Elevation)) => {
+                    self.senders.place(part, value, now);
+                }
+                Some(part) => self.pilot.read(part, value, now),
+                None => {
+                    let question = self.indices.question(index).zip(self.inquiry.as_mut());
+                    question.into_iter().for_each(|(nth, inquiry)| inquiry.answer(nth, value));
+                }
             }
         }
         self.clock.set_paused(self.is_paused || self.is_in_replay);
@@ -323,17 +431,35 @@ impl Client {
         let longest = Duration::from_secs_f64(1.5 * self.frame_period_s());
         let last = self.last_position.replace(at);
         self.counters.gaps += u64::from(last.is_some_and(|last| at > last + longest));
+        if last.is_some_and(|last| at >= last + RESUBSCRIBE_SILENT) {
+            // X-Plane draws no frames while it loads an aircraft.
+            self.inquiry.iter_mut().for_each(Inquiry::restart);
+        }
         let Some(time) = self.clock.frame(at) else {
             self.counters.frozen_frames += 1;
             return None;
         };
-        self.was_placed = self.place.replace((position, at)).is_some_and(|last| is_elsewhere(last, (position, at)));
+        let was_placed = self.place.replace((position, at)).is_some_and(|last| is_elsewhere(last, (position, at)));
+        if was_placed {
+            // Perhaps with another aircraft.
+            self.inquiry.iter_mut().for_each(Inquiry::restart);
+        }
+        self.was_placed = was_placed;
         self.counters.frames += 1;
         Some(Frame { time, truth: convert::truth(&measurement, &self.origin), measurement })
     }
 
-    /// Sets the controls; a command outside their travel is counted and not sent.
+    /// Sets the controls, or leaves them to the pilot; a command outside their travel is counted and not sent.
     pub fn command(&mut self, command: Command, now: Instant, send: Send<'_>) {
+        self.is_released = command == Command::Release;
+        if self.is_released {
+            if self.pilot.flies() {
+                // From now on the controls are asked for, too.
+                self.last_subscribed = None;
+            }
+            self.give_back(send);
+            return;
+        }
         let Some(controls) = command.controls().filter(Controls::is_within_limits) else {
             self.counters.refused_commands += 1;
             return;
@@ -352,16 +478,35 @@ impl Client {
 
     /// Gives the controls back, if they were taken, and ends the subscription.
     pub fn release(&mut self, send: Send<'_>) {
-        let was_holding = self.overrides_confirmed.take().is_some();
-        let was_subscribed = self.last_subscribed.take().is_some();
-        for _ in 0..RELEASE_REPEATS {
-            if was_holding {
-                self.controls.release(send);
-            }
-            if was_subscribed {
+        self.give_back(send);
+        if self.last_subscribed.take().is_some() {
+            for _ in 0..RELEASE_REPEATS {
                 self.subscribe(0, 0, send);
             }
+            self.traffic.release(&mut self.outgoing, send);
+            let Self { inquiry, indices, outgoing, .. } = self;
+            if let Some(inquiry) = inquiry {
+                inquiry.release(|nth, request| ask(indices, nth, request, outgoing, send));
+            }
         }
+    }
+
+    /// Gives the controls back if they were taken, and again while X-Plane reports that they still are.
+    fn give_back(&mut self, send: Send<'_>) {
+        let was_holding = self.overrides_confirmed.take().is_some();
+        if was_holding {
+            self.holder.gave_back();
+        }
+        let repeats = if was_holding { RELEASE_REPEATS } else { u32::from(self.holder.is_left_over()) };
+        (0..repeats).for_each(|_| self.controls.release(send));
+    }
+}
+
+/// Sends a question.
+fn ask(indices: &Indices, nth: usize, request: rref::DatarefRequest<'_>, out: &mut Vec<u8>, send: Send<'_>) {
+    // A profile's paths were checked, so that each fits.
+    if (rref::DatarefRequest { index: indices.of_question(nth), ..request }).encode(out).is_ok() {
+        send(out);
     }
 }
 

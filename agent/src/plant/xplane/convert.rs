@@ -9,8 +9,9 @@ use std::f64::consts::TAU;
 
 use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wrap_rad};
 
+use super::wire::aircraft::{Move, Physics};
 use super::wire::rpos::Position;
-use skein_core::plant::{GroundTruth, Measurement};
+use skein_core::plant::{GroundTruth, Measurement, PeerPose};
 
 /// Largest plausible speed of a helicopter, m/s.
 const MAX_SPEED_M_S: f64 = 500.0;
@@ -91,6 +92,21 @@ pub(super) fn position(measurement: &Measurement) -> Position {
         roll_rate_rad_s: rates.roll_rad_s as f32,
         pitch_rate_rad_s: rates.pitch_rad_s as f32,
         yaw_rate_rad_s: rates.yaw_rad_s as f32,
+    }
+}
+
+/// Pose of the simulator's aircraft of this number that shows this peer.
+pub(super) fn peer(pose: &PeerPose, number: u8) -> Move {
+    let PeerPose { position, attitude, .. } = pose;
+    Move {
+        physics: Physics::Stop,
+        aircraft: number,
+        latitude_deg: position.latitude_deg(),
+        longitude_deg: position.longitude_deg(),
+        elevation_m: position.altitude_m,
+        heading_deg: attitude.heading_rad.to_degrees().rem_euclid(360.0) as f32,
+        pitch_deg: attitude.pitch_rad.to_degrees() as f32,
+        roll_deg: attitude.roll_rad.to_degrees() as f32,
     }
 }
 

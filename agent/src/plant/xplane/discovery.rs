@@ -25,6 +25,8 @@ pub struct FoundSimulator {
     pub version: i32,
     /// The name that its computer gives itself.
     pub computer: String,
+    /// Name of this computer's interface over which it is reached, if that is known.
+    pub interface: Option<String>,
 }
 
 /// Listens for this time and returns every X-Plane that flies its own aircraft, in the order of addresses and ports. An
@@ -48,7 +50,8 @@ fn listen_on(socket: UdpSocket, time: Duration) -> io::Result<Found> {
         {
             let Beacon { port, version, name: computer, .. } = beacon;
             let address = from.ip();
-            found.insert((address, port), FoundSimulator { address, port, version, computer });
+            let interface = interface_towards(from);
+            found.insert((address, port), FoundSimulator { address, port, version, computer, interface });
         }
     }
     let elsewhere: Vec<u16> =
@@ -64,11 +67,48 @@ pub(super) fn socket() -> io::Result<UdpSocket> {
     #[cfg(unix)]
     socket.set_reuse_port(true)?;
     socket.bind(&SocketAddr::from((Ipv4Addr::UNSPECIFIED, becn::PORT)).into())?;
+    join(&socket)?;
+    Ok(socket.into())
+}
+
+/// Joins the beacons' group on every interface, those that it has joined already included: X-Plane sends its beacon over
+/// the interface of its own choice. Call it again for interfaces that came up later.
+///
+/// # Errors
+/// If the group can be joined on no interface.
+pub(super) fn join(socket: &Socket) -> io::Result<()> {
     let group = Ipv4Addr::from(becn::GROUP);
-    // A host without a network still has its loopback, and vice versa: joining one of the two is enough.
-    let joined = [Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST].map(|via| socket.join_multicast_v4(&group, &via));
-    let [Err(error), Err(_)] = joined else { return Ok(socket.into()) };
-    Err(error)
+    // The default interface and the loopback need no list of interfaces.
+    let known = [Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST].into_iter();
+    let mut outcome = Err(io::ErrorKind::NotFound.into());
+    for via in known.chain(interfaces().into_iter().map(|(_, address)| address)) {
+        let joined = socket.join_multicast_v4(&group, &via);
+        // An interface has been joined already, by this address or by another one of its own.
+        let is_joined = joined.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::AddrInUse);
+        if joined.is_ok() || is_joined {
+            outcome = Ok(());
+        } else if outcome.is_err() {
+            outcome = joined;
+        }
+    }
+    outcome
+}
+
+/// Names and IPv4 addresses of this computer's interfaces; none if the system does not tell.
+fn interfaces() -> Vec<(String, Ipv4Addr)> {
+    let of = |interface: if_addrs::Interface| match interface.ip() {
+        IpAddr::V4(address) => Some((interface.name, address)),
+        IpAddr::V6(_) => None,
+    };
+    if_addrs::get_if_addrs().unwrap_or_default().into_iter().filter_map(of).collect()
+}
+
+/// Name of the interface over which this computer sends to this address; nothing is sent.
+fn interface_towards(address: SocketAddr) -> Option<String> {
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
+    socket.connect(address).ok()?;
+    let own = socket.local_addr().ok()?.ip();
+    interfaces().into_iter().find(|(_, address)| *address == own).map(|(name, _)| name)
 }
 
 #[cfg(test)]
@@ -100,5 +140,7 @@ mod tests {
         let found = listen_on(socket, Duration::from_millis(200)).unwrap();
         assert_eq!(found.keys().map(|(_, port)| *port).collect::<Vec<_>>(), [49_000, 49_010]);
         assert!(found.values().all(|found| found.version == 121_400 && found.computer == "heli"));
+        let loopback = interfaces().into_iter().find(|(_, address)| address.is_loopback()).map(|(name, _)| name);
+        assert!(loopback.is_some() && found.values().all(|found| found.interface == loopback), "{found:?}");
     }
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use ring::rand::{SecureRandom, SystemRandom};
 use skein_common::frame::Origin;
-use skein_common::message::Standstill;
+use skein_common::message::{SimulatorFault, Standstill};
 use skein_host::clock::now;
 
 use super::client::{Client, Counters, Indices};
@@ -18,7 +18,7 @@ use super::wire::prel::Placement;
 use super::wire::{PORT, WireError};
 use beacon::Search;
 use skein_core::aircraft::Profile;
-use skein_core::plant::{Command, Plant, Wake};
+use skein_core::plant::{Command, Controls, PeerPose, Plant, Wake};
 
 /// Largest number of queued datagrams read without waiting: a flood must not delay the newest position.
 const MAX_QUEUED: u32 = 1024;
@@ -48,6 +48,9 @@ pub enum XPlaneLinkError {
     /// A dataref of the aircraft's profile does not fit into a message.
     #[error("a dataref of the aircraft's profile cannot be encoded: {0}")]
     Profile(WireError),
+    /// The path of the aircraft file for peers does not fit into a message.
+    #[error("`plant.peer_acf` of the scenario cannot be encoded: {0}")]
+    PeerAircraft(WireError),
     /// The system cannot generate indices that other programs cannot guess.
     #[error("this system provides no random numbers, which are needed to recognise X-Plane's replies")]
     NoRandomness,
@@ -86,8 +89,10 @@ impl XPlane {
         let port = UdpSocket::bind((listen, 0)).and_then(Port::new);
         let system = SystemRandom::new();
         let indices = Indices::draw(|bytes| system.fill(bytes).is_ok()).ok_or(XPlaneLinkError::NoRandomness)?;
+        let mut client = Client::new(origin, profile, rate_hz, indices).map_err(XPlaneLinkError::Profile)?;
+        client.inquire();
         Ok(Self {
-            client: Client::new(origin, profile, rate_hz, indices).map_err(XPlaneLinkError::Profile)?,
+            client,
             port: port.map_err(|source| XPlaneLinkError::Bind { listen, source })?,
             listen,
             simulator: address,
@@ -99,6 +104,25 @@ impl XPlane {
     /// From now on places the aircraft, if it is on the ground elsewhere, before its flight.
     pub fn start_at(&mut self, place: Placement) {
         self.client.start_at(place);
+    }
+
+    /// From now on reports random failures of the simulator as wanted.
+    pub fn want_random_failures(&mut self) {
+        self.client.want_random_failures();
+    }
+
+    /// From now on draws up to this number of peers; `acf` is the aircraft file that the simulator loads for them, if any.
+    ///
+    /// # Errors
+    /// If the path does not fit into a message.
+    pub fn show_up_to(&mut self, most: usize, acf: Option<&str>) -> Result<(), XPlaneLinkError> {
+        self.client.show_up_to(most, acf).map_err(XPlaneLinkError::PeerAircraft)
+    }
+
+    /// From now on the pilot takes the controls by moving the stick farther than this from its centre, as a share of its
+    /// travel.
+    pub fn release_at(&mut self, deflection: f64) {
+        self.client.release_at(deflection);
     }
 
     /// Address of the simulator, once known.
@@ -190,8 +214,30 @@ impl Plant for XPlane {
         self.client.counters().foreign
     }
 
+    fn controls(&mut self) -> Option<Controls> {
+        self.client.controls(now())
+    }
+
+    fn pilot_takes_over(&mut self) -> bool {
+        self.client.pilot_takes_over(now())
+    }
+
     fn standstill(&mut self) -> Option<Standstill> {
         self.client.standstill(now())
+    }
+
+    fn faults(&self) -> &[SimulatorFault] {
+        self.client.faults()
+    }
+
+    fn shows_peers(&self) -> bool {
+        self.client.shows_peers()
+    }
+
+    fn show_peers(&mut self, peers: &[PeerPose]) {
+        if let Some(simulator) = self.simulator {
+            self.client.show_peers(peers, now(), &mut sender(&mut self.port, simulator));
+        }
     }
 }
 

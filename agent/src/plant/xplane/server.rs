@@ -17,9 +17,10 @@ mod settings;
 mod weather;
 mod web;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 
+use super::wire::aircraft::{ACFN, Load, Move, Physics};
 use super::wire::becn::{self, Beacon};
 use super::wire::dref::{self, Write};
 use super::wire::operation::{self, Command, End};
@@ -28,7 +29,7 @@ use super::wire::{WireError, radr, rows, rpos, rref};
 use clients::Clients;
 pub use commands::{Action, COMMANDS, CommandEntry};
 pub use datarefs::{DEFAULT_ACF, Dataref, Surroundings, ValueType};
-use datarefs::{Handle, Situation, reference_below};
+use datarefs::{Handle, Others, Situation, reference_below};
 use output::{Radar, Rows};
 use settings::{Setting, Settings};
 use skein_common::frame::Origin;
@@ -85,6 +86,9 @@ pub enum Order {
     Restart(f32),
 }
 
+/// Function of an axis of the pilot's stick that moves the collective.
+const COLLECTIVE_FUNCTION: usize = 5;
+
 /// State of the simulator's side between frames.
 pub struct Server {
     version: Version,
@@ -104,9 +108,14 @@ pub struct Server {
     weather_due: Option<u64>,
     /// The situation of the last frame, for clients of the Web API.
     situation: Option<Situation>,
+    /// Poses of the other aircraft, and the files that clients have loaded for them.
+    others: Others,
+    loaded: BTreeMap<u8, String>,
     /// Origin of X-Plane's local frame.
     reference: Option<Origin>,
     has_collective: bool,
+    /// Whether a client has moved the pilot's stick.
+    has_stick: bool,
     malformed: u64,
     unknown: BTreeSet<String>,
     pairs: Vec<(i32, f32)>,
@@ -131,8 +140,11 @@ impl Server {
             surroundings,
             weather_due: None,
             situation: None,
+            others: Others::default(),
+            loaded: BTreeMap::new(),
             reference: None,
             has_collective: false,
+            has_stick: false,
             malformed: 0,
             unknown: BTreeSet::new(),
             pairs: Vec::with_capacity(rref::MAX_VALUES),
@@ -154,6 +166,8 @@ impl Server {
                 self.has_collective |= output::write(&rows, &mut self.settings);
                 None
             }),
+            Some(tag) if *tag == Physics::Stop.tag() => Move::decode(datagram).map(|moved| self.move_other(moved)),
+            Some(&ACFN) => Load::decode(datagram).map(|load| self.load(&load)),
             Some(&radr::TAG) => radr::RadarRequest::decode(datagram)
                 .map(|request| self.radar.subscribe(from, request, self.frame_rate_hz))
                 .map(|()| None),
@@ -172,6 +186,38 @@ impl Server {
             }
             None
         })
+    }
+
+    /// Moves one of the other aircraft, whose own path thereby ends. The user's own stays: an agent flies it.
+    fn move_other(&mut self, moved: Move) -> Option<Order> {
+        let number = usize::from(moved.aircraft);
+        if let Some(other) = number.checked_sub(1).and_then(|nth| self.others.get_mut(nth)) {
+            *other = Some(moved);
+            self.settings.store(Setting::OverridePlanePath, number, 1.0);
+        }
+        None
+    }
+
+    /// Loads the user's own aircraft, which begins a new flight in the same place after some seconds without frames; of the
+    /// other aircraft only the path is kept.
+    fn load(&mut self, load: &Load<'_>) -> Option<Order> {
+        if load.aircraft > 0 {
+            self.loaded.insert(load.aircraft, load.path.to_owned());
+            return None;
+        }
+        self.surroundings.acf = load.path.into();
+        self.give_back();
+        Some(self.settings.first(Setting::LoadTime)).filter(|&seconds| seconds > 0.0).map(Order::Freeze)
+    }
+
+    /// Pose of the other aircraft of this number, 1 to 19, if a client has moved it.
+    pub fn other(&self, number: u8) -> Option<&Move> {
+        self.others.get(usize::from(number).checked_sub(1)?)?.as_ref()
+    }
+
+    /// The aircraft file that a client has loaded last for the aircraft of this number.
+    pub fn loaded(&self, number: u8) -> Option<&str> {
+        self.loaded.get(&number).map(String::as_str)
     }
 
     /// A placement begins a new flight, in which the pilot has the controls.
@@ -209,10 +255,10 @@ impl Server {
     /// Gives the controls back and ends a replay and a crash; the weather and the orders for the network stay.
     fn give_back(&mut self) {
         let old = std::mem::replace(&mut self.settings, Settings::new());
-        let own = [Setting::DataRate, Setting::RandomFailures, Setting::Speed, Setting::DropShare];
+        let own = [Setting::DataRate, Setting::RandomFailures, Setting::Speed, Setting::DropShare, Setting::LoadTime];
         self.settings.keep(&old, &own);
         self.settings.keep(&old, weather::SETTINGS);
-        self.has_collective = false;
+        (self.has_collective, self.has_stick) = (false, false);
     }
 
     /// Whether time stands still because of a pause.
@@ -277,6 +323,7 @@ impl Server {
     /// What follows from a written setting.
     fn after_write(&mut self, setting: Setting) -> Option<Order> {
         self.has_collective |= setting == Setting::Collective;
+        self.has_stick |= setting == Setting::Stick;
         self.weather_written(setting);
         let ordered_s = Some(self.settings.first(setting)).filter(|&seconds| seconds > 0.0);
         match setting {
@@ -287,7 +334,7 @@ impl Server {
     }
 
     fn find(&mut self, path: &str) -> Option<Handle> {
-        let handle = Handle::find(path, self.version.engines());
+        let handle = Handle::find(path, self.version.engines(), &self.surroundings.acf);
         if handle.is_none() && self.unknown.len() < MAX_UNKNOWN && self.unknown.insert(path.to_owned()) {
             tracing::info!(dataref = path, "unknown dataref or array element");
         }
@@ -295,24 +342,31 @@ impl Server {
     }
 
     /// Starts a frame: returns the controls if a client holds them, which it does while an override is 1, from the
-    /// first written collective on. An axis without an override springs back to its centre.
+    /// first written collective on. An axis without an override springs back to its centre, or where the pilot's stick is
+    /// if a client has moved that: then the pilot flies while no override is on.
     pub fn take_controls(&mut self) -> Option<Controls> {
         let is_on = |settings: &Settings, setting| settings.first(setting) != 0.0;
         let has_joystick = is_on(&self.settings, Setting::OverrideJoystick);
         let mut is_held = has_joystick;
-        for (axis, its_override) in [
-            (Setting::Roll, Setting::OverrideRoll),
-            (Setting::Pitch, Setting::OverridePitch),
-            (Setting::Yaw, Setting::OverrideYaw),
+        // Each axis with the function of the pilot's stick that moves it.
+        for (axis, its_override, function) in [
+            (Setting::Roll, Setting::OverrideRoll, 2),
+            (Setting::Pitch, Setting::OverridePitch, 1),
+            (Setting::Yaw, Setting::OverrideYaw, 3),
         ] {
             if has_joystick || is_on(&self.settings, its_override) {
                 is_held = true;
             } else {
-                self.settings.set_first(axis, 0.0);
+                let by_stick = if self.has_stick { self.settings.get(Setting::Stick, function) } else { 0.0 };
+                self.settings.set_first(axis, by_stick);
             }
         }
+        let is_flown = is_held || self.has_stick;
+        if self.has_stick && !is_held {
+            self.settings.set_all(Setting::Collective, self.settings.get(Setting::Stick, COLLECTIVE_FUNCTION));
+        }
         let stick = |setting| f64::from(self.settings.first(setting));
-        (is_held && self.has_collective).then(|| Controls {
+        (is_flown && self.has_collective).then(|| Controls {
             roll: stick(Setting::Roll),
             pitch: stick(Setting::Pitch),
             yaw: stick(Setting::Yaw),
@@ -332,6 +386,7 @@ impl Server {
         let reference = self.reference.get_or_insert_with(|| reference_below(&frame.measurement.position));
         let mut situation = Situation::new(frame, reference, &self.surroundings, self.version.internal());
         situation.is_paused = self.is_paused;
+        situation.others = self.others;
         situation.running_s = self.running_s;
         situation.frame_period_s = frame_s;
         situation.speed = simulated_s / frame_s;

@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use skein_host::clock::{now, sleep};
 
+use socket2::SockRef;
+
 use super::wire::MAX_DATAGRAM;
 
 /// Pause after an error that may last, so that it does not make the thread spin.
@@ -55,6 +57,11 @@ impl Port {
 
     pub(super) fn local_addr(&self) -> io::Result<SocketAddr> {
         self.socket.local_addr()
+    }
+
+    /// The socket, for its options.
+    pub(super) fn options(&self) -> SockRef<'_> {
+        SockRef::from(&self.socket)
     }
 
     /// The last received datagram, of this many bytes.

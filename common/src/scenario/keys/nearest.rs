@@ -120,7 +120,7 @@ mod tests {
     #[test]
     fn keys_are_found_by_any_part_of_their_path() {
         let paths = |text: &str| matching(text).iter().map(|key| key.path).collect::<Vec<_>>();
-        assert_eq!(paths("RADIUS"), ["formation.radius_m"]);
+        assert_eq!(paths("RADIUS"), ["formation.radius_m", "airspace.obstacles[N].radius_m"]);
         assert_eq!(paths("vehicle.3.air"), ["vehicle.N.aircraft"]);
         assert_eq!(paths("mission.steps[2].name"), ["mission.steps[N].name"]);
         assert_eq!(paths("mission.steps[2].formation.radius_m"), ["formation.radius_m"]);

@@ -9,6 +9,7 @@ use super::Kind::{
 use super::Literal::{Bool, Nothing, Required, Same};
 use super::{Key, Kind, Literal, Range, Removed};
 use crate::scenario::law;
+use crate::scenario::model::TunableKey;
 
 const fn key(path: &'static str, kind: Kind, default: Literal, about: &'static str) -> Key {
     Key::new(path, kind, default, about)
@@ -74,6 +75,18 @@ pub const KEYS: &[Key] = &[
     key("plant.min_frame_rate_hz", from(0.0, 50.0), number(20.0),
         "frame rate below which a vehicle does not take off, 0 for none; Garcia & Barnes 2010 refuse less than 20 Hz, and X-Plane slows \
          its time below 19 Hz"),
+    key("plant.show_peers", Integer(0, 19), Literal::Integer(0),
+        "how many of its nearest peers each X-Plane draws as its other aircraft, at most 19; 0 leaves X-Plane's other aircraft alone, \
+         each of which costs frame rate").unit_is("vehicles"),
+    key("plant.peer_acf", Text, Nothing,
+        "aircraft file that X-Plane loads to draw peers, its path below X-Plane's folder, as Aircraft/My/heli.acf; without it peers look \
+         like the other aircraft that X-Plane has loaded"),
+    key("plant.stick_release", above_zero_or("none", 1.0), text("none"),
+        "deflection of the pilot's own stick, a share of its travel, beyond which a simulator's pilot takes the controls; never by \
+         default: an uncentred stick would take them").unit_is("1"),
+    key("plant.random_failures", Kind::Bool, Bool(false),
+        "whether X-Plane's random failures are part of the flight: check and status then state that they are on, instead of a \
+         fault; Skein does not turn them on"),
     key("plant.point_mass.max_speed_m_s", above_zero(100.0), number(10.0),
         "largest horizontal speed of a point mass; 10 m/s are above the 7.5 m/s that a formation commands beside its centre's speed"),
     key("plant.point_mass.max_climb_m_s", above_zero(50.0), number(2.5),
@@ -278,6 +291,12 @@ pub const KEYS: &[Key] = &[
         "how far the clock jumps under fault = \"clock_jump\"; an hour, as a wrong time zone makes it"),
     key("mission.events[N].step", Integer(0, 10_000), Nothing,
         "step to which order = \"goto\" sends the swarm, counted from 0").unit_is("1"),
+    key("mission.events[N].vehicles", Ids, Nothing,
+        "vehicles that the order names; without it the whole swarm"),
+    key("mission.events[N].key", OneOf(TUNABLE), Nothing,
+        "key that order = \"set\" changes in flight"),
+    key("mission.events[N].value", from(-1e6, 1e6), Nothing,
+        "new value of that key, in its range").unit_is("in the key's unit"),
 
     key("control.auto_trim", Kind::Bool, Bool(true),
         "integrate the trims, which removes the position error that trim error and wind cause; without it that error is metres").paper(Bool(false)),
@@ -328,6 +347,25 @@ pub const KEYS: &[Key] = &[
         "standard deviation from which each vehicle's constant error of the heading is drawn"),
     key("sensing.bias.rate_deg_s", from(0.0, 100.0), number(0.0),
         "standard deviation from which each vehicle's constant error of each body rate is drawn"),
+
+    key("airspace.fence_ne_m", Path, Nothing,
+        "corners of a convex polygon that the vehicles stay inside; without it there is no fence"),
+    key("airspace.ceiling_m", above_zero_or("none", 1e5), text("none"),
+        "greatest altitude above the origin that a vehicle is sent to"),
+    key("airspace.floor_m", above_zero_or("none", 1e5), text("none"),
+        "least altitude above the origin that a vehicle is sent to unless it lands"),
+    key("airspace.margin_m", from(0.0, 1e3), number(10.0),
+        "horizontal distance that the vehicles keep from the fence and from obstacles; 10 m is for wind and for the lag of a vehicle"),
+    key("airspace.obstacles", Tables, Nothing,
+        "cylinders and boxes that stand on the ground and that the vehicles fly around"),
+    key("airspace.obstacles[N].centre_ne_m", Point, Required,
+        "middle of the obstacle"),
+    key("airspace.obstacles[N].radius_m", above_zero(1e5), Nothing,
+        "radius of a cylinder; an obstacle has this or size_ne_m"),
+    key("airspace.obstacles[N].size_ne_m", Point, Nothing,
+        "lengths of a box to the north and to the east; an obstacle has this or radius_m"),
+    key("airspace.obstacles[N].top_m", above_zero(1e5), Nothing,
+        "altitude of the top above the origin; vehicles 5 m above it fly over the obstacle. Without it none does"),
 
     key("world.wind_m_s", from(0.0, 50.0), number(0.0),
         "mean wind speed; by default the air is calm"),
@@ -407,6 +445,8 @@ pub const KEYS: &[Key] = &[
         "runs of a study whose recordings are kept: two show what is typical and what can happen"),
     key("record.hz", above_zero_or("auto", 1e3), text("auto"),
         "rate of recording; \"auto\": 10 Hz in a study, 50 Hz in real time"),
+    key("record.inputs", Kind::Bool, Bool(false),
+        "whether each live agent writes its inputs for skein replay in any case; by default only an agent that meets a fault leaves them"),
 
     key("vehicle.N.aircraft", TomlName, Same("swarm.aircraft"),
         "swarm.aircraft for this vehicle"),
@@ -416,6 +456,8 @@ pub const KEYS: &[Key] = &[
         "where its nose points before take-off, clockwise from north"),
     key("vehicle.N.xplane", Address(""), Nothing,
         "address of this vehicle's X-Plane"),
+    key("vehicle.N.web", Address(""), Nothing,
+        "address of that X-Plane's Web API, for `skein check --xplane` and `skein place`; no flight depends on it"),
     key("vehicle.N.clock_offset_s", from(-1e6, 1e6), number(0.0),
         "how far its clock is ahead of the others'; the swarm does not rely on clocks that agree"),
     key("vehicle.N.clock_drift_ppm", from(-1e3, 1e3), number(0.0),
@@ -442,7 +484,14 @@ const FAULT_RULES: [Rule; 11] = [
     ("kill_control", &[], &[]),
     ("isolate", &[], &["both_ways"]),
 ];
-const ORDER_RULES: [Rule; 4] = [("hold", &[], &[]), ("goto", &["step"], &[]), ("land", &[], &[]), ("abort", &[], &[])];
+const ORDER_RULES: [Rule; 6] = [
+    ("hold", &[], &["vehicles"]),
+    ("goto", &["step"], &["vehicles"]),
+    ("land", &[], &["vehicles"]),
+    ("abort", &[], &["vehicles"]),
+    ("release", &["vehicles"], &[]),
+    ("set", &["key", "value"], &[]),
+];
 
 /// Keys of each kind of fault.
 pub(in crate::scenario) const FAULT_KEYS: &[Rule] = &FAULT_RULES;
@@ -450,6 +499,7 @@ pub(in crate::scenario) const FAULT_KEYS: &[Rule] = &FAULT_RULES;
 pub(in crate::scenario) const ORDER_KEYS: &[Rule] = &ORDER_RULES;
 const FAULTS: &[&str] = &kinds(&FAULT_RULES);
 const ORDERS: &[&str] = &kinds(&ORDER_RULES);
+const TUNABLE: &[&str] = TunableKey::PATHS;
 
 /// The kinds of these rules.
 const fn kinds<const N: usize>(rules: &[Rule; N]) -> [&'static str; N] {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Formation;
+use super::{Formation, Setting};
 use crate::id::VehicleId;
 
 /// The mission, `[mission]`.
@@ -161,10 +161,21 @@ pub enum Servo {
     Collective,
 }
 
+/// A scheduled order.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ScriptedOrder {
+    /// The action.
+    #[serde(flatten)]
+    pub verb: ScriptedVerb,
+    /// The vehicles that the order names; `None` for the whole swarm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vehicles: Option<Vec<VehicleId>>,
+}
+
 /// Kind of a scheduled order, `order`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "order", rename_all = "snake_case")]
-pub enum ScriptedOrder {
+pub enum ScriptedVerb {
     /// Hold position; after `for_s` the mission continues.
     Hold,
     /// Continue the mission at this step or a later one.
@@ -176,6 +187,10 @@ pub enum ScriptedOrder {
     Land,
     /// Abort the mission: land, and ignore all later orders.
     Abort,
+    /// Give the controls to human pilots; after `for_s` the agents take them back.
+    Release,
+    /// Change a key in flight.
+    Set(Setting),
 }
 
 /// Behaviour of a swarm that the network splits, `mission.partition`.

@@ -14,13 +14,21 @@ pub enum PlantKind {
     Xplane,
 }
 
-/// The model of the built-in plant, `[plant]`.
+/// The model of the built-in plant, and how X-Plane is used, `[plant]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VehicleModel {
     /// What the built-in plant simulates.
     pub model: ModelKind,
     /// Frames a second below which a vehicle does not take off.
     pub min_frame_rate_hz: f64,
+    /// Largest number of peers that an X-Plane draws.
+    pub show_peers: usize,
+    /// Path of the aircraft file that X-Plane loads to draw peers, below X-Plane's folder.
+    pub peer_acf: Option<String>,
+    /// Deflection of the pilot's own stick beyond which the pilot of a simulator takes the controls, 0 to 1; `None`: never.
+    pub stick_release: Option<f64>,
+    /// Whether random failures of an X-Plane are part of the flight.
+    pub random_failures: bool,
     /// Limits and lags of a point mass.
     pub point_mass: PointMassLimits,
 }

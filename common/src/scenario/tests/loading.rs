@@ -49,7 +49,7 @@ fn the_tour_is_read_with_its_steps_and_events() {
         event(60.0, Some(20.0), EventAction::Fault(Fault::Kill { vehicle: id(3) })),
         event(150.0, Some(20.0), EventAction::Fault(cut)),
         event(240.0, None, EventAction::Fault(Fault::EngineOut { vehicle: id(5) })),
-        event(300.0, Some(15.0), EventAction::Order(ScriptedOrder::Hold)),
+        event(300.0, Some(15.0), EventAction::Order(ScriptedOrder { verb: ScriptedVerb::Hold, vehicles: None })),
     ];
     assert_eq!(tour.mission.events, expected);
 }
@@ -94,6 +94,7 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("formation.conversion", r#""nonlinear""#, Some(r#""linear""#)),
         ("formation.gain_m", "7.0", None), ("formation.far_gain_m", "28.0", None), ("formation.gain_knee", "0.3", None),
         ("sensing.position", r#""exact""#, Some(r#""f32_latlon""#)),
+        ("airspace.ceiling_m", r#""none""#, None), ("airspace.floor_m", r#""none""#, None), ("airspace.margin_m", "10.0", None),
         ("world.wind_m_s", "0.0", None), ("world.wind_from_deg", "0.0", None), ("world.gust_w20_m_s", "0.0", None),
         ("swarm.plant", r#""builtin""#, None), ("swarm.aircraft", r#""xcell60""#, None),
         ("origin.latitude_deg", "28.0", None), ("origin.longitude_deg", "-82.0", None), ("origin.elevation_m", "0.0", None),
@@ -116,7 +117,9 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("sensing.correlation_s", r#""none""#, None),
         ("sensing.noise.position_m", "0.0", None), ("sensing.noise.rate_deg_s", "0.0", None),
         ("sensing.bias.position_m", "0.0", None), ("sensing.bias.rate_deg_s", "0.0", None),
-        ("plant.model", r#""helicopter""#, None), ("plant.min_frame_rate_hz", "20.0", None), ("plant.point_mass.max_speed_m_s", "10.0", None),
+        ("plant.model", r#""helicopter""#, None), ("plant.min_frame_rate_hz", "20.0", None),
+        ("plant.show_peers", "0", None), ("plant.stick_release", r#""none""#, None), ("plant.random_failures", "false", None),
+        ("plant.point_mass.max_speed_m_s", "10.0", None),
         ("plant.point_mass.max_climb_m_s", "2.5", None), ("plant.point_mass.max_acceleration_m_s2", "3.0", None),
         ("plant.point_mass.lag_s", "1.0", None), ("plant.point_mass.max_turn_deg_s", "60.0", None),
         ("plant.point_mass.turn_lag_s", "0.2", None),
@@ -124,7 +127,7 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("start.pattern", r#""random""#, None), ("start.square_m", "150.0", None), ("start.separation_m", "15.0", None),
         ("mission.speed_m_s", "2.0", Some("1.0")), ("mission.dwell_s", "3.0", None),
         ("network.peer_stale_s", "2.0", None), ("network.graph", r#""all""#, None),
-        ("record.runs", r#""worst-and-median""#, None), ("record.hz", r#""auto""#, None),
+        ("record.runs", r#""worst-and-median""#, None), ("record.hz", r#""auto""#, None), ("record.inputs", "false", None),
         ("control.mode", r#""each""#, None),
         ("formation.external.period_s", "0.1", None), ("formation.external.deadline_s", "0.05", None),
         ("formation.external.fallback", r#""ring""#, None), ("formation.external.misses", "3", None),
@@ -266,17 +269,20 @@ fn a_step_changes_single_parameters_of_a_law_and_keeps_the_rest() {
 /// With every key written, the types and the table have the same paths.
 #[test]
 fn the_table_and_the_types_have_the_same_keys() {
-    let text = "duration_s = 5\nswarm.vehicles = 2\nsensing = { correlation_s = 9, dropout_s = 1 }\n[network]\nedges = [[1, 2]]\nrange_m = 9\n\
+    let text = "duration_s = 5\nswarm.vehicles = 2\nplant = { show_peers = 1, peer_acf = 'a.acf', stick_release = 0.5 }\nsensing = { correlation_s = 9, dropout_s = 1 }\n\
+        [airspace]\nfence_ne_m = [[-500, -500], [-500, 500], [500, 0]]\nceiling_m = 90\nfloor_m = 5\n\
+        obstacles = [{ centre_ne_m = [0, 300], radius_m = 9, top_m = 50 }, { centre_ne_m = [0, 300], size_ne_m = [9, 9] }]\n[network]\nedges = [[1, 2]]\nrange_m = 9\n\
         fade_m = 5\nburst_s = 1\nbandwidth_bit_s = 1e6\nlinks = [{ from = [1], to = [2], both_ways = true, loss = 0.1,\n\
         burst_s = 1, delay_s = 1, jitter_s = 1, reorder = 0.1, reorder_s = 1, duplicate = 0.1, bandwidth_bit_s = 1, queue_s = 1 }]\n\
         [formation]\nedge_steepness_per_m = 1\nslots.offsets_ne_m = [[0, 0], [9, 9]]\n\
         [formation.external]\ncommand = ['a']\nlisten = 'tcp/a:1'\nudp = { ask = 'a:1', answer = 'a:2' }\n\
-        [vehicle.1]\nstart_ne_m = [99, 0]\nheading_deg = 0\nxplane = 'a:1'\n\
+        [vehicle.1]\nstart_ne_m = [99, 0]\nheading_deg = 0\nxplane = 'a:1'\nweb = 'a:2'\n\
         [mission]\nsteps = [{ name = 'a', centre_ne_m = [0, 0] }, { hold_s = 1 }, { path_ne_m = [[0, 0], [1, 1]] }, { land = true }]\n\
         events = [{ at_s = 1, for_s = 1, fault = 'kill', vehicle = 1 }, { at_s = 1, fault = 'cut', from = [1], to = [2] },\n\
         { at_s = 1, fault = 'delay', from = [1], to = [2], delay_s = 1 },\n\
         { at_s = 1, fault = 'servo_stuck', vehicle = 1 }, { at_s = 1, fault = 'clock_jump', vehicle = 1 },\n\
-        { at_s = 1, order = 'goto', step = 1 }]\n";
+        { at_s = 1, order = 'goto', step = 1, vehicles = [1] },\n\
+        { at_s = 1, order = 'set', key = 'formation.gain_m', value = 8 }]\n";
     let scenario = loaded(text, &[]).scenario;
     let mut paths = BTreeSet::new();
     collect(&toml::Value::try_from(&scenario).unwrap(), "", &mut paths);
@@ -396,6 +402,7 @@ fn the_plan_hash_depends_on_values_and_not_on_their_spelling() {
         "mission.partition=quorum",
         "origin.latitude_deg=29",
         "mission.steps=[{hold_s=1}]",
+        "airspace.ceiling_m=90",
         "formation.external.parameters.a=1",
     ] {
         assert_ne!(hash(HOVER, &[other]), hover, "{other}");

@@ -62,12 +62,17 @@ fn links() -> impl Strategy<Value = String> {
 /// `--set` options of any keys, each valid on its own.
 fn sets() -> impl Strategy<Value = Vec<String>> {
     let keys = KEYS.iter().filter(|key| {
-        let lists = ["vehicle.N", "mission.events", "mission.steps[", "network.links["];
+        let lists = ["vehicle.N", "mission.events", "mission.steps[", "network.links[", "airspace.obstacles["];
         let later = lists.iter().any(|prefix| key.path.starts_with(prefix));
         // Most values of these keys contradict other values.
         !later && key.path != "swarm.vehicles" && !key.path.contains("udp")
     });
-    let of = |key: &Key| if key.path == "network.links" { links().boxed() } else { value(key.kind) };
+    let of = |key: &Key| match key.path {
+        "network.links" => links().boxed(),
+        "airspace.obstacles" => Just("[{ centre_ne_m = [1, 900], radius_m = 3 }]".to_owned()).boxed(),
+        "airspace.fence_ne_m" => Just("[[0, 0], [900, 0], [0, 900]]".to_owned()).boxed(),
+        _ => value(key.kind),
+    };
     let vehicle = KEYS
         .iter()
         .filter(|key| key.path.starts_with("vehicle.N"))

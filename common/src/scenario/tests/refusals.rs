@@ -300,6 +300,18 @@ fn steps_and_events_with_contradicting_keys_are_refused() {
             "[mission]\nevents = [{ at_s = 1, order = 'goto', step = 1 }]",
             "6:46: `mission.events[0].step` is 1, but the last step is 0",
         ),
+        (
+            "[mission]\nevents = [{ at_s = 1, order = 'release' }]",
+            "6:11: `mission.events[0]`: order = \"release\" needs `vehicles`",
+        ),
+        (
+            "[mission]\nevents = [{ at_s = 1, order = 'hold', vehicles = [] }]",
+            "6:50: `mission.events[0].vehicles` has to be a list of vehicle ids, not an empty list",
+        ),
+        (
+            "[mission]\nevents = [{ at_s = 1, order = 'hold', vehicles = [1, 7] }]",
+            "6:54: `mission.events[0].vehicles[1]`: vehicle 7 is not in the swarm, which has vehicles 1 to 4",
+        ),
     ]);
 }
 
@@ -353,6 +365,25 @@ fn values_that_contradict_each_other_are_refused() {
             "[network]\npeer_stale_s = 0.15",
             "6:16: `network.peer_stale_s` is 0.15, but has to be above `network.state_max_period_s`, 0.2: otherwise every peer is stale",
         ),
+        (
+            "safety_filter = 'none'\n[airspace]\nceiling_m = 90",
+            "5:17: `airspace` has no effect under `formation.safety_filter` = \"none\": the safety filter keeps it; set it to \
+             \"cbf\"",
+        ),
+        (
+            "[airspace]\nfence_ne_m = [[0, 0], [0, 90], [40, 40], [90, 0]]",
+            "6:14: `airspace.fence_ne_m` is not a convex polygon of three corners or more, one after the other around it: leave \
+             out the corners that point inwards, or make them obstacles",
+        ),
+        (
+            "[airspace]\nfloor_m = 60\nceiling_m = 50",
+            "6:11: `airspace.floor_m` is 60, not below `airspace.ceiling_m`, which is 50",
+        ),
+        (
+            "[airspace]\nobstacles = [{ centre_ne_m = [0, 0] }]",
+            "6:14: `airspace.obstacles[0]` needs one of `radius_m`, `size_ne_m`",
+        ),
+        ("[airspace]\nobstacles = [{ radius_m = 3 }]", "6:14: `airspace.obstacles[0]` needs `centre_ne_m`"),
         ("[network]\nlinks = [{ loss = 0.5 }]", "6:10: `network.links[0]` does not name its links: add `from` or `to`"),
         (
             "[network]\nlinks = [{ to = [1] }]",
@@ -397,10 +428,17 @@ fn values_that_contradict_each_other_are_refused() {
              the ground",
         ),
         (
+            "[plant]\npeer_acf = 'Aircraft/heli.acf'",
+            "6:12: `plant.peer_acf` has no effect without `plant.show_peers`, the number of peers that are shown",
+        ),
+        ("[plant]\nshow_peers = 20", "6:14: `plant.show_peers` is 20, out of its range: 0 to 19"),
+        (
             "[plant]\nmodel = 'plane'",
             "6:9: `plant.model` is \"plane\", but has to be one of \"helicopter\", \"point_mass\"",
         ),
     ]);
+    let long = refusal(HOVER, &["plant.show_peers=3", &format!("plant.peer_acf={}", "a".repeat(150))]);
+    assert!(long.ends_with("`plant.peer_acf` has to be at most 149 bytes long, without control characters"), "{long}");
     let standin = "--set swarm.plant=standin: `plant.model` = \"point_mass\" needs `swarm.plant` = \"builtin\": X-Plane and its \
                    stand-in fly helicopters";
     assert_eq!(refusal("swarm.vehicles = 4\nplant.model = 'point_mass'", &["swarm.plant=standin"]), standin);

@@ -1,6 +1,7 @@
 //! Counts the vehicles that reach the ground otherwise than by a landing.
 
 use super::{AIRBORNE_ABOVE_M, VehicleNow, index};
+use skein_common::frame::Attitude;
 use skein_common::math;
 
 /// Touchdown speed above which a vehicle has crashed, in any direction, m/s. A landing here touches down at less than
@@ -15,11 +16,11 @@ const TOUCH_M: f64 = 0.3;
 
 /// Counts vehicles that have crashed.
 #[derive(Debug)]
-pub(super) struct Crashes(Vec<Flight>);
+pub(super) struct Crashes(Vec<CrashDetector>);
 
-/// One vehicle between take-off and touchdown.
+/// Detects the crash of one vehicle between take-off and touchdown.
 #[derive(Clone, Debug, Default)]
-struct Flight {
+pub(crate) struct CrashDetector {
     /// The least height observed before the vehicle was in the air, m.
     standing_m: Option<f64>,
     is_in_the_air: bool,
@@ -30,13 +31,14 @@ struct Flight {
 
 impl Crashes {
     pub(super) fn new(vehicles: usize) -> Self {
-        Self(vec![Flight::default(); vehicles])
+        Self(vec![CrashDetector::default(); vehicles])
     }
 
     pub(super) fn observe(&mut self, vehicles: &[VehicleNow]) {
         for vehicle in vehicles {
             if let Some(flight) = self.0.get_mut(index(vehicle.id)) {
-                flight.observe(vehicle);
+                let (truth, lands) = (&vehicle.truth, vehicle.runs && !vehicle.is_member);
+                flight.observe(truth.height_m, truth.velocity.0.norm(), &truth.attitude, lands);
             }
         }
     }
@@ -52,22 +54,23 @@ impl Crashes {
     }
 }
 
-impl Flight {
-    fn observe(&mut self, vehicle: &VehicleNow) {
-        let truth = &vehicle.truth;
+impl CrashDetector {
+    /// Observes the vehicle at a height above the ground, m, with its speed, m/s, its attitude, and whether its agent lands
+    /// it. Returns whether it crashes now for the first time.
+    pub(crate) fn observe(&mut self, height_m: f64, speed_m_s: f64, attitude: &Attitude, lands: bool) -> bool {
         // The ground has already braked a vehicle that is observed touching it: the speed before counts too.
-        let speed_m_s = truth.velocity.0.norm();
         let fastest_m_s = std::mem::replace(&mut self.speed_m_s, speed_m_s).max(speed_m_s);
-        if truth.height_m > AIRBORNE_ABOVE_M {
+        let had_crashed = self.has_crashed;
+        if height_m > AIRBORNE_ABOVE_M {
             self.is_in_the_air = true;
         } else if !self.is_in_the_air {
-            self.standing_m = Some(self.standing_m.map_or(truth.height_m, |least_m| least_m.min(truth.height_m)));
-        } else if truth.height_m <= self.standing_m.unwrap_or(STANDING_M) + TOUCH_M {
+            self.standing_m = Some(self.standing_m.map_or(height_m, |least_m| least_m.min(height_m)));
+        } else if height_m <= self.standing_m.unwrap_or(STANDING_M) + TOUCH_M {
             self.is_in_the_air = false;
-            let up = math::cos(truth.attitude.roll_rad) * math::cos(truth.attitude.pitch_rad);
-            let lands = vehicle.runs && !vehicle.is_member;
+            let up = math::cos(attitude.roll_rad) * math::cos(attitude.pitch_rad);
             self.has_crashed |= !lands || fastest_m_s > CRASH_M_S || up < math::cos(CRASH_TILT_DEG.to_radians());
         }
+        self.has_crashed && !had_crashed
     }
 }
 

@@ -31,7 +31,7 @@ use crate::metrics::Run;
 
 /// File name of a fleet's recording in the folder of a run.
 pub const FLEET_FILE: &str = "fleet.mcap";
-const TEAMS: &str = "/teams";
+pub(super) const TEAMS: &str = "/teams";
 
 /// The places of a team's vehicles at one instant: a message on `/teams`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -70,13 +70,13 @@ impl VehiclePlace {
 
 /// An event or a fault of a team.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-struct TeamLine {
+pub(super) struct TeamLine {
     /// The team.
-    team: TeamId,
+    pub(super) team: TeamId,
     /// The vehicle; null if a fault affects links.
-    vehicle: Option<VehicleId>,
+    pub(super) vehicle: Option<VehicleId>,
     /// What happened.
-    text: String,
+    pub(super) text: String,
 }
 
 /// Writes a fleet's recording. That of a study appears when it is complete; a live one grows, and what was flushed can be

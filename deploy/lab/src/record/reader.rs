@@ -44,9 +44,9 @@ pub(super) struct FullRecording {
 pub(super) fn read_all(path: &Path) -> Result<FullRecording, RecordError> {
     let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
     let mut pieces = Pieces::default();
-    scan(&bytes, |piece| pieces.take(piece))
-        .and_then(|found| pieces.assemble(&found))
-        .map_err(|error| error.reading(path))
+    let scanned = scan(&bytes, |piece| pieces.take(piece));
+    let release = pieces.run.as_ref().and_then(|run| run.get("version")).cloned().unwrap_or_default();
+    scanned.and_then(|found| pieces.assemble(&found)).map_err(|error| error.recorded_by(&release).reading(path))
 }
 
 /// Identifies an event or a fault, to drop the copies of other recorders.
@@ -166,7 +166,7 @@ impl Pieces {
 }
 
 /// Parses a trace and checks that it is plausible and from this vehicle.
-fn trace(id: VehicleId, topic: &str, data: &[u8]) -> Result<Trace, RecordError> {
+pub(super) fn trace(id: VehicleId, topic: &str, data: &[u8]) -> Result<Trace, RecordError> {
     let trace: Trace = parse(topic, data)?;
     match trace.header.sender == id && trace.is_plausible() {
         true => Ok(trace),
@@ -174,7 +174,7 @@ fn trace(id: VehicleId, topic: &str, data: &[u8]) -> Result<Trace, RecordError> 
     }
 }
 
-fn parse<'a, T: Deserialize<'a>>(topic: &str, data: &'a [u8]) -> Result<T, RecordError> {
+pub(super) fn parse<'a, T: Deserialize<'a>>(topic: &str, data: &'a [u8]) -> Result<T, RecordError> {
     serde_json::from_slice(data).map_err(|error| unreadable(topic, error))
 }
 

@@ -97,6 +97,7 @@ fn every_recorded_message_is_as_its_schema_describes() {
         epoch: 1,
         issuer: 7,
         verb: Verb::Goto(1),
+        vehicles: None,
         signature: Some(Signature::from_bytes([9; Signature::BYTES])),
     };
     for what in [

@@ -89,13 +89,15 @@ pub enum Marker {
     Triangle,
     Diamond,
     Down,
+    Plus,
     Cross,
 }
 
 impl Marker {
-    /// The shape of the `index`-th of several; with its colour it is its own up to forty-two.
+    /// The shape of the `index`-th of several; with its colour it is its own up to forty-two. [`Self::Cross`] is not among
+    /// them: it marks what has ended.
     pub fn nth(index: usize) -> Self {
-        [Self::Circle, Self::Square, Self::Triangle, Self::Diamond, Self::Down, Self::Cross][index % 6]
+        [Self::Circle, Self::Square, Self::Triangle, Self::Diamond, Self::Down, Self::Plus][index % 6]
     }
 }
 
@@ -127,6 +129,8 @@ pub enum Shape {
     },
     /// Filled from corner to corner, with a text where there is room for it.
     Bars(Vec<([f64; 2], [f64; 2], String)>),
+    /// Filled from corner to corner, without gaps between neighbours: the cells of a raster.
+    Cells(Vec<([f64; 2], [f64; 2])>),
     /// From a place to a place.
     Arrows(Vec<([f64; 2], [f64; 2])>),
     /// A short text beside a place, on the side that this direction points to.
@@ -140,6 +144,20 @@ pub enum Shape {
     },
 }
 
+impl Shape {
+    /// Whether nothing is drawn of it.
+    pub fn is_empty(&self) -> bool {
+        match self {
+            Self::Line { pieces, .. } | Self::Area(pieces) => pieces.iter().all(Vec::is_empty),
+            Self::Dots { at, .. } => at.is_empty(),
+            Self::Bars(bars) => bars.is_empty(),
+            Self::Cells(cells) => cells.is_empty(),
+            Self::Arrows(arrows) => arrows.is_empty(),
+            Self::Note { text, .. } => text.is_empty(),
+        }
+    }
+}
+
 /// Where the name of a thing stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Name {
@@ -147,6 +165,8 @@ pub enum Name {
     None,
     /// Beside the end of its line, in its colour.
     AtEnd(String),
+    /// On its line, above its left end, in its colour: for limits.
+    OnLine(String),
     /// In the legend above. Neighbouring things of the same name share a place in it.
     InLegend(String),
 }
@@ -160,12 +180,15 @@ pub struct Item {
     pub colour: Colour,
     /// What it is called.
     pub name: Name,
+    /// A phrase for the caption that explains what is drawn, such as "Broken lines: the band's edges"; `None` if the
+    /// picture itself names it.
+    pub meaning: Option<String>,
 }
 
 impl Item {
     /// Something without a name.
     pub fn new(shape: Shape, colour: Colour) -> Self {
-        Self { shape, colour, name: Name::None }
+        Self { shape, colour, name: Name::None, meaning: None }
     }
 
     /// A line in pieces.
@@ -201,6 +224,16 @@ impl Item {
     /// The same with its name beside its end.
     pub fn at_end(self, name: impl Into<String>) -> Self {
         Self { name: Name::AtEnd(name.into()), ..self }
+    }
+
+    /// The same with its name on its line.
+    pub fn on_line(self, name: impl Into<String>) -> Self {
+        Self { name: Name::OnLine(name.into()), ..self }
+    }
+
+    /// The same, explained by this phrase in the caption.
+    pub fn meaning(self, phrase: impl Into<String>) -> Self {
+        Self { meaning: Some(phrase.into()), ..self }
     }
 
     /// The same with its name in the legend.
@@ -254,7 +287,7 @@ pub struct Drawing {
     pub title: String,
     /// Of what: scenario, law, seed, version.
     pub subject: String,
-    /// What a reader has to know, in sentences; shown below the figure on a page.
+    /// What the picture shows, in sentences. [`Drawing::full_caption`] adds what its items mean.
     pub caption: String,
     /// Width and height as shown, px.
     pub size_px: [f64; 2],
@@ -266,6 +299,19 @@ impl Drawing {
     /// As an SVG document that needs nothing else.
     pub fn svg(&self) -> String {
         layout::svg(self)
+    }
+
+    /// The caption with the meaning of everything that is drawn and not named in the picture, each once, in the order of
+    /// drawing. It is made from the items, so that it names exactly what is drawn.
+    pub fn full_caption(&self) -> String {
+        let mut caption = self.caption.trim_end().to_owned();
+        let mut named: Vec<&str> = Vec::new();
+        for item in self.panels.iter().flat_map(|panel| &panel.items).filter(|item| !item.shape.is_empty()) {
+            let Some(meaning) = item.meaning.as_deref().filter(|meaning| !named.contains(meaning)) else { continue };
+            named.push(meaning);
+            caption += &format!(" {meaning}.");
+        }
+        caption
     }
 
     /// Writes it as PNG.

@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
 use skein_common::id::{TeamId, VehicleId};
 
 use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 use super::page::{Part, Section};
+use super::{flight, tables};
 use crate::error::Error;
 use crate::record::{self, TeamPlaces};
 use crate::study::rounded;
@@ -21,6 +22,12 @@ const CLOSE_TEAMS: usize = 9;
 const MOST_TRAILS: usize = 300;
 /// Most teams in the table.
 const MOST_TEAMS: usize = 32;
+/// Most teams for which the page shows which vehicle receives which.
+const MOST_CONTACTS: usize = 4;
+/// Most teams whose numbers are beside their vehicles.
+const MOST_NUMBERS: usize = 40;
+/// A vehicle whose places end this long before the last ones of its team has ended, s.
+const ENDED_S: f64 = 5.0;
 /// Columns of the table of teams.
 const SHOWN: [&str; 8] = [
     "duration_s",
@@ -44,8 +51,33 @@ pub(super) fn section(folder: &Path, title: String, name: String, subject: &str)
     }
     let places = record::read_fleet(&path).map_err(|error| Error::Failed(error.to_string()))?;
     let mut parts: Vec<Part> = drawing(&places, subject).map(Part::Drawing).into_iter().collect();
-    parts.extend(fs::read_to_string(folder.join("teams.csv")).ok().and_then(|text| table(&text)));
+    parts.extend(contacts(folder)?.into_iter().map(Part::Drawing));
+    if let Ok(text) = fs::read_to_string(folder.join("teams.csv")) {
+        parts.extend(table(&text));
+        parts.push(tables::definitions(SHOWN.into_iter()));
+    }
     Ok(Some(Section { title, name, parts }))
+}
+
+/// Which vehicle receives which in the teams of this fleet that were recorded in full, up to [`MOST_CONTACTS`] of them.
+fn contacts(folder: &Path) -> Result<Vec<Drawing>, Error> {
+    // A study writes `teams/3`, a flight in real time `team-3`.
+    let inside = |path: &Path| fs::read_dir(path).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
+    let number = |path: &Path| path.file_name()?.to_str()?.trim_start_matches("team-").parse::<u16>().ok();
+    let teams = inside(&folder.join("teams")).chain(inside(folder));
+    let mut teams: Vec<_> = teams.filter_map(|path| Some((number(&path)?, path.join(record::FILE)))).collect();
+    teams.retain(|(_, path)| path.is_file());
+    teams.sort();
+    let draw = |(team, path): (u16, PathBuf)| {
+        let recording = record::read(&path).map_err(|error| Error::Failed(error.to_string()))?;
+        let drawing = flight::contact(&recording);
+        Ok(drawing.map(|drawing| Drawing {
+            name: format!("{}-team-{team}", drawing.name),
+            title: format!("{} in team {team}", drawing.title),
+            ..drawing
+        }))
+    };
+    teams.into_iter().take(MOST_CONTACTS).filter_map(|team| draw(team).transpose()).collect()
 }
 
 /// The section about the recording of a fleet in this file; `None` if it is not one.
@@ -61,6 +93,19 @@ pub(super) fn of_file(path: &Path, name: String) -> Result<Option<Section>, Erro
 /// The places of each vehicle, east and north, m, in the order of time.
 type Trails = BTreeMap<(TeamId, VehicleId), Vec<[f64; 2]>>;
 
+/// The last places of the vehicles whose agents ended before the others of their team.
+fn ended(places: &[TeamPlaces]) -> BTreeMap<(TeamId, VehicleId), [f64; 2]> {
+    let mut team_s: BTreeMap<TeamId, f64> = BTreeMap::new();
+    let mut last: BTreeMap<(TeamId, VehicleId), (f64, [f64; 2])> = BTreeMap::new();
+    for places in places {
+        team_s.insert(places.team, places.t_s);
+        let at = places.vehicles.iter().map(|vehicle| (vehicle.id, [vehicle.east_m, vehicle.north_m]));
+        last.extend(at.map(|(id, at)| ((places.team, id), (places.t_s, at))));
+    }
+    let is_ended = |((team, _), (t_s, _)): &(_, (f64, _))| team_s.get(team).is_some_and(|end_s| end_s - t_s > ENDED_S);
+    last.into_iter().filter(is_ended).map(|(id, (_, at))| (id, at)).collect()
+}
+
 fn drawing(places: &[TeamPlaces], subject: &str) -> Option<Drawing> {
     let mut trails = Trails::new();
     for places in places {
@@ -69,17 +114,17 @@ fn drawing(places: &[TeamPlaces], subject: &str) -> Option<Drawing> {
         }
     }
     let duration_s = places.last()?.t_s;
+    let ended = ended(places);
     let (mut panels, caption) = if trails.len() <= MOST_TRAILS {
-        (vec![vehicles_panel(&trails)], "Paths of all vehicles, a colour for each team; dots: the last places.")
+        (vec![vehicles_panel(&trails, &ended)], "The fleet from above, a colour for each team.")
     } else {
         let mut whole = teams_panel(&trails);
         whole.place = [0.0, 0.0, 0.49, 1.0];
         whole.title = "all teams".to_owned();
-        let mut close = vehicles_panel(&close(&trails));
+        let mut close = vehicles_panel(&close(&trails), &ended);
         close.place = [0.53, 0.0, 1.0, 1.0];
         close.title = "some teams, vehicle by vehicle".to_owned();
-        let caption = "Left: paths of the teams' centres, and the last places of all vehicles. Right: paths of the vehicles of \
-                       some neighbouring teams.";
+        let caption = "The fleet from above, a colour for each team. Left: all teams. Right: some neighbouring teams.";
         (vec![whole, close], caption)
     };
     panels.iter_mut().for_each(|panel| panel.is_map = true);
@@ -99,18 +144,36 @@ fn map() -> Panel {
     Panel::new(Axis::new("east", "m"), Axis::new("north", "m"))
 }
 
-/// A panel with the trail of each vehicle.
-fn vehicles_panel(trails: &Trails) -> Panel {
+/// A panel with the trail of each vehicle, and the number of each team.
+fn vehicles_panel(trails: &Trails, ended: &BTreeMap<(TeamId, VehicleId), [f64; 2]>) -> Panel {
     let every = trails.values().map(Vec::len).sum::<usize>().div_ceil(MOST_POINTS).max(1);
     let mut panel = map();
+    let colour = |team: TeamId| Colour::nth(usize::from(team.get()) - 1);
+    let mut teams: BTreeMap<TeamId, Vec<[f64; 2]>> = BTreeMap::new();
     for ((team, _), trail) in trails {
-        let colour = Colour::nth(usize::from(team.get()) - 1);
-        panel.items.push(Item::line(vec![thinned(trail, every)], colour.faint(0.45)).wide(0.8));
+        let line = Item::line(vec![thinned(trail, every)], colour(*team).faint(0.45)).wide(0.8);
+        panel.items.push(line.meaning("Thin lines: the paths of the vehicles"));
     }
-    for ((team, _), trail) in trails {
-        let at = trail.last().copied().into_iter().collect();
-        let dot = Shape::Dots { at, marker: Marker::Circle, size_px: 4.0 };
-        panel.items.push(Item::new(dot, Colour::nth(usize::from(team.get()) - 1)));
+    for (id, trail) in trails {
+        let Some(last) = trail.last().copied().filter(|_| !ended.contains_key(id)) else { continue };
+        let dot = Shape::Dots { at: vec![last], marker: Marker::Circle, size_px: 5.0 };
+        panel.items.push(Item::new(dot, colour(id.0)).meaning("Dots: the last places of the vehicles"));
+        teams.entry(id.0).or_default().push(last);
+    }
+    for (id, at) in ended.iter().filter(|(id, _)| trails.contains_key(*id)) {
+        let cross = Shape::Dots { at: vec![*at], marker: Marker::Cross, size_px: 11.0 };
+        panel
+            .items
+            .push(Item::new(cross, Colour::BLACK).meaning("Crosses: the agent of the vehicle, team/id, ended here"));
+        let text = format!("{}/{}", id.0, id.1);
+        panel.items.push(Item::new(Shape::Note { at: *at, text, side: [1.0, 1.0] }, Colour::BLACK));
+    }
+    if teams.len() <= MOST_NUMBERS {
+        for (team, last) in &teams {
+            let mean = [0, 1].map(|axis| last.iter().map(|at| at[axis]).sum::<f64>() / last.len() as f64);
+            let number = Shape::Note { at: mean, text: team.to_string(), side: [0.0, 0.0] };
+            panel.items.push(Item::new(number, Colour::BLACK).meaning("Numbers: the teams"));
+        }
     }
     panel
 }
@@ -131,10 +194,11 @@ fn teams_panel(trails: &Trails) -> Panel {
         };
         let mean: Vec<_> = (0..trails.iter().map(|trail| trail.len()).max().unwrap_or(0)).map(mean).collect();
         let colour = Colour::nth(usize::from(team.get()) - 1);
-        panel.items.push(Item::line(vec![thinned(&mean, every)], colour.faint(0.6)).wide(0.8));
+        let line = Item::line(vec![thinned(&mean, every)], colour.faint(0.6)).wide(0.8);
+        panel.items.push(line.meaning("Lines on the left: the paths of the teams' centres"));
         let at = trails.iter().filter_map(|trail| trail.last().copied()).collect();
         let dots = Shape::Dots { at, marker: Marker::Circle, size_px: 1.2 };
-        panel.items.push(Item::new(dots, colour));
+        panel.items.push(Item::new(dots, colour).meaning("Small dots on the left: the last places of all vehicles"));
     }
     panel
 }
@@ -218,11 +282,31 @@ mod tests {
     #[test]
     fn a_large_fleet_is_drawn_by_teams_and_a_small_one_by_vehicles() {
         let small = drawing(&places(4, 8), "subject").unwrap();
-        assert_eq!((small.panels.len(), small.panels[0].items.len()), (1, 2 * 32));
+        assert_eq!((small.panels.len(), small.panels[0].items.len()), (1, 2 * 32 + 4));
         let large = drawing(&places(40, 16), "subject").unwrap();
         let items: Vec<_> = large.panels.iter().map(|panel| panel.items.len()).collect();
-        assert_eq!(items, [2 * 40, 2 * CLOSE_TEAMS * 16]);
+        assert_eq!(items, [2 * 40, (2 * 16 + 1) * CLOSE_TEAMS]);
         assert!(drawing(&[], "subject").is_none());
+    }
+
+    #[test]
+    fn the_trail_of_a_vehicle_whose_agent_ended_ends_with_a_cross_and_its_number() {
+        let mut places = places(2, 3);
+        for (nth, places) in places.iter_mut().enumerate() {
+            places.t_s *= 10.0;
+            if nth > 5 {
+                places.vehicles.retain(|vehicle| (places.team.get(), vehicle.id.get()) != (2, 3));
+            }
+        }
+        let drawing = drawing(&places, "subject").unwrap();
+        let notes = |text: &str| {
+            let is_it = |item: &&Item| matches!(&item.shape, Shape::Note { text: note, .. } if note == text);
+            drawing.panels[0].items.iter().filter(is_it).count()
+        };
+        assert_eq!((notes("2/3"), notes("1"), notes("2")), (1, 1, 1));
+        assert!(drawing.full_caption().contains("Crosses"), "{}", drawing.full_caption());
+        let whole = super::drawing(&tests::places(2, 3), "subject").unwrap();
+        assert!(!whole.full_caption().contains("Crosses"), "{}", whole.full_caption());
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! largest value are drawn.
 
 mod ages;
+mod contact;
 mod map;
 mod marks;
 mod timeline;
@@ -16,6 +17,8 @@ use skein_common::id::VehicleId;
 use skein_common::message::Trace;
 use skein_common::scenario::{Law, Preset, Scenario, Step as Leg, Target};
 use skein_common::state::{Activity, Membership};
+
+pub(super) use marks::injected;
 
 use super::figure::{self, Axis, Colour, Drawing, Item, Panel, WIDTH_PX};
 use crate::metrics::{Run, Shape};
@@ -44,6 +47,8 @@ pub fn figures(recording: &Recording) -> Vec<Drawing> {
     let flight = Flight::new(recording);
     let figures = [
         Some(map::overview(&flight)),
+        Some(timeline::timeline(&flight)),
+        contact::contact(&flight),
         Some(map::final_places(&flight)),
         Some(traces::centre_distance(&flight)),
         traces::pair_distance(&flight),
@@ -53,9 +58,13 @@ pub fn figures(recording: &Recording) -> Vec<Drawing> {
         Some(traces::altitude(&flight)),
         Some(traces::effort(&flight)),
         ages::ages(&flight),
-        Some(timeline::timeline(&flight)),
     ];
     figures.into_iter().flatten().collect()
+}
+
+/// Draws which vehicle receives which; `None` for a single vehicle, or without a recorded step.
+pub(super) fn contact(recording: &Recording) -> Option<Drawing> {
+    contact::contact(&Flight::new(recording))
 }
 
 /// A line of text that identifies the run.

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::out;
 use skein_host::parallel::in_parallel;
 
-/// Length above which a cell counts as text and is aligned to the left, characters.
+/// Length of a cell above which its column counts as text and is aligned to the left, characters.
 const LONG: usize = 28;
 /// Style sheet of the page. It loads no scripts, fonts or anything else from elsewhere.
 const STYLE: &str = include_str!("page.css");
@@ -22,8 +22,30 @@ pub struct Page {
     pub title: String,
     /// Line below the title.
     pub about: String,
+    /// What flew, and how it went.
+    pub verdict: Vec<Line>,
     /// Sections, in their order on the page.
     pub sections: Vec<Section>,
+}
+
+/// A line of a verdict.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// How its text is meant.
+    pub tone: Tone,
+    /// Whole sentences.
+    pub text: String,
+}
+
+/// How a line of a verdict is meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tone {
+    /// Neither good nor bad.
+    Plain,
+    /// Something is as it should be.
+    Good,
+    /// Something failed.
+    Bad,
 }
 
 /// A section of a page.
@@ -42,6 +64,8 @@ pub struct Section {
 pub enum Part {
     /// A paragraph.
     Text(String),
+    /// The verdict on what the section shows.
+    Verdict(Vec<Line>),
     /// A table.
     Table {
         /// Caption above the table.
@@ -88,7 +112,7 @@ impl Page {
     }
 
     fn html(&self, body: &str) -> String {
-        let (title, about) = (escaped(&self.title), escaped(&self.about));
+        let (title, about, verdict) = (escaped(&self.title), escaped(&self.about), verdict_html(&self.verdict));
         let link = |section: &Section| {
             format!("<li><a href=\"#{}\">{}</a></li>\n", escaped(&section.name), escaped(&section.title))
         };
@@ -99,7 +123,7 @@ impl Page {
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n\
-             <h1>{title}</h1>\n<p class=\"about\">{about}</p>\n{contents}{body}</main>\n</body>\n</html>\n"
+             <h1>{title}</h1>\n<p class=\"about\">{about}</p>\n{verdict}{contents}{body}</main>\n</body>\n</html>\n"
         )
     }
 }
@@ -108,13 +132,16 @@ impl Part {
     fn html(&self) -> String {
         match self {
             Self::Text(text) => format!("<p>{}</p>\n", escaped(text)),
+            Self::Verdict(lines) => verdict_html(lines),
             Self::Table { caption, head, rows } => {
-                let cell = |tag: &str, cell: &String| {
-                    let class = if cell.chars().count() > LONG { " class=\"text\"" } else { "" };
-                    format!("<{tag}{class}>{}</{tag}>", escaped(cell))
-                };
+                let is_long = |column: usize| rows.iter().any(|row| row[column].chars().count() > LONG);
+                let is_text: Vec<bool> = (0..head.len()).map(is_long).collect();
                 let cells = |tag: &str, cells: &[String]| -> String {
-                    format!("<tr>{}</tr>\n", cells.iter().map(|text| cell(tag, text)).collect::<String>())
+                    let cell = |(text, is_text): (&String, &bool)| {
+                        let class = if *is_text { " class=\"text\"" } else { "" };
+                        format!("<{tag}{class}>{}</{tag}>", escaped(text))
+                    };
+                    format!("<tr>{}</tr>\n", cells.iter().zip(&is_text).map(cell).collect::<String>())
                 };
                 let body: String = rows.iter().map(|row| cells("td", row)).collect();
                 let head = cells("th", head);
@@ -128,11 +155,26 @@ impl Part {
     }
 }
 
+/// The HTML of a verdict: its lines below each other, each with a sign for good or bad beside its colour.
+fn verdict_html(lines: &[Line]) -> String {
+    let line = |Line { tone, text }: &Line| {
+        let (class, sign) = match tone {
+            Tone::Plain => ("plain", ""),
+            Tone::Good => ("good", "<b aria-label=\"good\">✓</b> "),
+            Tone::Bad => ("bad", "<b aria-label=\"failed\">✗</b> "),
+        };
+        format!("<p class=\"{class}\">{sign}{}</p>\n", escaped(text))
+    };
+    let lines: String = lines.iter().map(line).collect();
+    if lines.is_empty() { lines } else { format!("<div class=\"verdict\">\n{lines}</div>\n") }
+}
+
 /// The HTML of a figure, with links to its files.
 fn shown(figure: &Drawing, name: &str, svg: &str) -> String {
     let files =
         ["svg", "png"].map(|ending| format!("<a href=\"figures/{name}.{ending}\">{}</a>", ending.to_uppercase()));
-    let caption = escaped(&figure.caption);
+    let caption = escaped(&figure.full_caption());
+    let svg = format!("<div class=\"wide\">{svg}</div>");
     format!("<figure id=\"{name}\">\n{svg}<figcaption>{caption} {}</figcaption>\n</figure>\n", files.join(" "))
 }
 

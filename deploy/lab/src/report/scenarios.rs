@@ -11,13 +11,13 @@ use std::thread;
 use skein_common::scenario::{Layer, Loaded, Preset};
 
 use super::page::{Page, Part, Section};
-use super::{flight_parts, stem};
+use super::{flight_parts, stem, tables, verdict};
 use crate::compare::folder::unreadable;
 use crate::error::Error;
-use crate::metrics::Run;
+use crate::metrics::{Measured, Run};
 use crate::recording::Recording;
 use crate::scenario::ScenarioArgs;
-use crate::study::{Study, rounded, summarize};
+use crate::study::{Study, summarize};
 
 /// Seeds over which the tables of figures are measured.
 const SEEDS: Range<u64> = 0..20;
@@ -62,23 +62,25 @@ pub(super) fn page(folder: &Path, scenarios: &[PathBuf]) -> Result<Page, Error> 
         all.push((path, loaded, study));
     }
     let is_paper = all.iter().all(|(_, loaded, _)| loaded.scenario.preset == Preset::Paper);
-    let mut sections = vec![Section {
-        title: if is_paper { "Parameters (the paper's Table 1)".to_owned() } else { "Parameters".to_owned() },
-        name: "parameters".to_owned(),
-        parts: vec![parameters(all.iter().map(|(_, loaded, _)| loaded))],
-    }];
+    let mut sections = Vec::new();
     for (path, loaded, study) in &all {
         let name = path.display();
         eprintln!("{name}: seeds {} to {} and a recording", SEEDS.start, SEEDS.end - 1);
         let failed = |error| Error::Failed(format!("{name}: {error}"));
         let mut recording = Recording::new(&loaded.scenario, Run::new(&loaded.scenario, "study"));
         let rate_hz = loaded.scenario.record.hz.in_study_hz();
-        study.fly_watched(loaded.scenario.seed, Some((&mut recording, rate_hz))).map_err(failed)?;
-        let mut parts = vec![measured(study).map_err(failed)?];
+        let flown = study.fly_watched(loaded.scenario.seed, Some((&mut recording, rate_hz))).map_err(failed)?;
+        let mut parts = vec![Part::Verdict(verdict::of_flight(&recording, Some(&Measured::of(&flown))))];
         parts.extend(flight_parts(&recording));
+        parts.push(measured(study).map_err(failed)?);
         let title = format!("{}, seed {}", loaded.scenario.name, loaded.scenario.seed);
         sections.push(Section { title, name: stem(path), parts });
     }
+    sections.push(Section {
+        title: if is_paper { "Parameters (the paper's Table 1)".to_owned() } else { "Parameters".to_owned() },
+        name: "parameters".to_owned(),
+        parts: vec![parameters(all.iter().map(|(_, loaded, _)| loaded))],
+    });
     let version = format!("skein {}, revision {}", crate::VERSION, crate::REVISION);
     let (title, about) = if is_paper {
         let title = "The evaluation of Garcia & Barnes (2010)";
@@ -89,7 +91,7 @@ pub(super) fn page(folder: &Path, scenarios: &[PathBuf]) -> Result<Page, Error> 
     } else {
         (format!("Scenarios in {}", folder.display()), format!("Flown in virtual time by {version}."))
     };
-    Ok(Page { title, about, sections })
+    Ok(Page { title, about, verdict: Vec::new(), sections })
 }
 
 /// A table of the keys that the scenarios set, side by side. It leaves out missions and single vehicles.
@@ -125,20 +127,8 @@ fn parameters<'a>(all: impl Iterator<Item = &'a Loaded> + Clone) -> Part {
 fn measured(study: &Study) -> Result<Part, crate::study::StudyError> {
     let jobs = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let summary = summarize(&study.fly_all(SEEDS, jobs, |_| {})?);
-    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), rounded);
-    let row = |key: &&str| {
-        let figure = summary.get(*key)?;
-        let worst = figure.worst_seed.map_or_else(|| "–".to_owned(), |_| number(figure.worst));
-        let seed = figure.worst_seed.map_or_else(String::new, |seed| seed.to_string());
-        let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
-        let never = figure.never.to_string();
-        Some(vec![(*key).to_owned(), never, number(figure.median), quartiles, worst, seed])
-    };
-    Ok(Part::Table {
-        caption: format!("Figures over {} seeds.", SEEDS.end - SEEDS.start),
-        head: ["figure", "never", "median", "quartiles", "worst", "its seed"].map(str::to_owned).to_vec(),
-        rows: SHOWN.iter().filter_map(row).collect(),
-    })
+    let caption = format!("Figures over {} seeds.", SEEDS.end - SEEDS.start);
+    Ok(tables::of_runs(caption, &summary, SHOWN.into_iter()))
 }
 
 #[cfg(test)]

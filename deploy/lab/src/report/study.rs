@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 use super::page::{Page, Part, Section};
-use super::{fleet, flight_parts, recording, slug};
+use super::{fleet, flight_parts, recording, slug, tables, verdict};
 use crate::compare::folder::{Flown, Folder};
 use crate::error::Error;
-use crate::metrics::{Measured, Outcome, worst_and_median};
+use crate::metrics::{Measured, Outcome, figures, worst_and_median};
 use crate::record;
 use crate::study::{self, Summary, rounded};
 
@@ -89,25 +89,48 @@ pub(super) fn page(folder: &Folder) -> Result<Page, Error> {
     if folder.is_unfinished {
         parts.push(Part::Text("This study is incomplete: some runs are missing.".to_owned()));
     }
+    if let [run] = folder.runs.as_slice() {
+        return of_one(folder, run, &points, subject);
+    }
+    let drawn_figures = [lines(&folder.swept, &points, &subject), spread(&folder.swept, &points, &subject)];
+    parts.extend(drawn_figures.into_iter().flatten().map(Part::Drawing));
     match points.as_slice() {
-        [point] => parts.push(of_figures(&point.summary, folder.runs.len())),
-        points => parts.push(of_points(&folder.swept, points)),
-    }
-    let mut sections = vec![Section { title: "Figures".to_owned(), name: "study".to_owned(), parts }];
-    let mut drawn = Vec::new();
-    if folder.runs.len() > 1 {
-        drawn.extend(lines(&folder.swept, &points, &subject));
-        drawn.extend(spread(&folder.swept, &points, &subject));
-    }
-    sections[0].parts.extend(drawn.into_iter().map(Part::Drawing));
-    sections.extend(flights(folder, &points)?);
-    let title = match folder.runs.as_slice() {
-        [run] => format!("{}, seed {}", run.text("scenario").unwrap_or("A run"), run.measured.seed),
-        runs => {
-            format!("{}: {} runs", runs.first().and_then(|run| run.text("scenario")).unwrap_or("Study"), runs.len())
+        [point] => {
+            let caption = format!("Figures over {} runs.", folder.runs.len());
+            parts.push(tables::of_runs(caption, &point.summary, point.summary.keys().map(String::as_str)));
         }
-    };
-    Ok(Page { title, about: format!("{subject} · {}", folder.path.display()), sections })
+        points => {
+            parts.push(of_points(&folder.swept, points));
+            parts.push(tables::definitions(drawn(points).into_iter()));
+        }
+    }
+    let mut sections = vec![Section { title: "All runs".to_owned(), name: "study".to_owned(), parts }];
+    sections.extend(flights(folder, &points)?);
+    let scenario = folder.runs.first().and_then(|run| run.text("scenario")).unwrap_or("Study");
+    let title = format!("{scenario}: {} runs", folder.runs.len());
+    let about = format!("{subject} · {}", folder.path.display());
+    Ok(Page { title, about, verdict: verdict::of_study(folder), sections })
+}
+
+/// Makes the page of a folder with a single run: its pictures, then its figures.
+fn of_one(folder: &Folder, run: &Flown, points: &[Point<'_>], subject: String) -> Result<Page, Error> {
+    let mut sections = flights(folder, points)?;
+    sections.iter_mut().for_each(|section| section.title = "Pictures".to_owned());
+    // The verdict of the flight is that of the page.
+    let mut verdict = verdict::of_run(run);
+    for section in &mut sections {
+        section.parts.retain(|part| match part {
+            Part::Verdict(lines) => {
+                verdict.clone_from(lines);
+                false
+            }
+            _ => true,
+        });
+    }
+    let parts = vec![tables::of_run(&run.measured)];
+    sections.push(Section { title: "Figures".to_owned(), name: "study".to_owned(), parts });
+    let title = format!("{}, seed {}", run.text("scenario").unwrap_or("A run"), run.measured.seed);
+    Ok(Page { title, about: format!("{subject} · {}", folder.path.display()), verdict, sections })
 }
 
 /// Groups the runs by point, in the order of their folders.
@@ -177,27 +200,6 @@ fn subject(folder: &Folder) -> String {
     )
 }
 
-/// A table with a row for each figure of one point.
-fn of_figures(summary: &Summary, runs: usize) -> Part {
-    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), rounded);
-    if runs == 1 {
-        let row = |(key, figure): (&String, &study::FigureSummary)| {
-            let value = if figure.never > 0 { "never".to_owned() } else { number(figure.median) };
-            vec![key.clone(), value]
-        };
-        let head = ["figure", "value"].map(str::to_owned).to_vec();
-        return Part::Table { caption: "One run.".to_owned(), head, rows: summary.iter().map(row).collect() };
-    }
-    let row = |(key, figure): (&String, &study::FigureSummary)| {
-        let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
-        let worst = if figure.worst_seed.is_some() { number(figure.worst) } else { String::new() };
-        let seed = figure.worst_seed.map(|seed| seed.to_string()).unwrap_or_default();
-        vec![key.clone(), figure.n.to_string(), figure.never.to_string(), number(figure.median), quartiles, worst, seed]
-    };
-    let head = ["figure", "runs", "never", "median", "quartiles", "worst", "its seed"].map(str::to_owned).to_vec();
-    Part::Table { caption: format!("Figures over {runs} runs."), head, rows: summary.iter().map(row).collect() }
-}
-
 /// A table with a row for each point.
 fn of_points(swept: &[String], points: &[Point<'_>]) -> Part {
     let keys: Vec<&str> = drawn(points);
@@ -255,7 +257,10 @@ fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Drawi
     let what = match points {
         [_] => "all runs".to_owned(),
         _ if is_long => "point".to_owned(),
-        _ => short(swept).join(", "),
+        _ => match short(swept).as_slice() {
+            [key] => axis(key).label().to_owned(),
+            keys => keys.join(", "),
+        },
     };
     let panel = |key: &&str| {
         let mut panel = Panel::new(Axis::named(&what, names()), axis(key));
@@ -389,8 +394,12 @@ fn short(keys: &[String]) -> Vec<String> {
     keys.iter().map(|key| key.rsplit('.').next().unwrap_or(key).to_owned()).collect()
 }
 
-/// The axis of a key whose name ends in its unit.
+/// The axis of a figure, or of another key whose name ends in its unit.
 fn axis(key: &str) -> Axis {
+    if let Some(figure) = figures::of(key) {
+        let unit = if figure.unit == "degrees" { "°" } else { figure.unit };
+        return Axis::new(figure.name, unit);
+    }
     // A longer ending comes before a shorter one that also fits.
     const UNITS: [(&str, &str); 16] = [
         ("_deg_s", "°/s"),
@@ -438,17 +447,22 @@ fn flights(folder: &Folder, points: &[Point<'_>]) -> Result<Vec<Section>, Error>
             }
             let inside = run.folder.strip_prefix(&folder.path).unwrap_or(&run.folder);
             let titled = |title: &str| {
-                let parts = [title, &point.name(), which].map(str::to_owned);
+                let set = folder.swept.iter().zip(&point.values).map(|(key, value)| format!("{key} = {value}"));
+                let set = if folder.swept.is_empty() { point.name() } else { set.collect::<Vec<_>>().join(", ") };
+                let parts = [title, &set, which].map(str::to_owned);
                 parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ")
             };
             let name = format!("flight-{}", slug(&inside.display().to_string())).trim_end_matches('-').to_owned();
             let fleet = titled(&format!("{}, seed {seed}", run.text("scenario").unwrap_or("The fleet")));
-            if let Some(section) = fleet::section(&run.folder, fleet, name.clone(), &subject(folder))? {
+            if let Some(mut section) = fleet::section(&run.folder, fleet, name.clone(), &subject(folder))? {
+                section.parts.insert(0, Part::Verdict(verdict::of_run(run)));
                 sections.push(section);
                 continue;
             }
             let (recording, title) = recording(&run.folder.join(record::FILE))?;
-            sections.push(Section { title: titled(&title), name, parts: flight_parts(&recording) });
+            let mut parts = vec![Part::Verdict(verdict::of_flight(&recording, Some(&run.measured)))];
+            parts.extend(flight_parts(&recording));
+            sections.push(Section { title: titled(&title), name, parts });
         }
     }
     Ok(sections)
@@ -508,7 +522,7 @@ mod tests {
         for key in KEYS.iter().filter(|key| matches!(key.kind, Kind::Number(_) | Kind::NumberOr(..))) {
             let name = key.path.rsplit('.').next().unwrap_or(key.path);
             let label = axis(name).label().to_owned();
-            let (quantity, unit) = label.rsplit_once(", ").unwrap();
+            let (quantity, unit) = label.rsplit_once(", ").unwrap_or((&label, "1"));
             let last = quantity.rsplit(' ').next().unwrap();
             assert!(!UNITS.contains(&last), "{name}: {label}");
             let spelled = unit.replace("1/", "per_").replace('/', "_").replace('²', "2").replace('°', "deg");
@@ -519,14 +533,14 @@ mod tests {
     #[test]
     fn the_label_of_an_axis_has_the_unit_of_its_key() {
         for (key, label) in [
-            ("in_band_s", "in band, s"),
+            ("in_band_s", "all in the band from then on, s"),
             ("bandwidth_bit_s", "bandwidth, bit/s"),
             ("friction_m_s2", "friction, m/s²"),
-            ("min_separation_m", "min separation, m"),
+            ("radius_m", "radius, m"),
             ("speed_m_s", "speed, m/s"),
-            ("collisions", "collisions, 1"),
-            ("spacing_error_deg", "spacing error, °"),
-            ("peer_age_p99_ms", "peer age p99, ms"),
+            ("loss", "loss"),
+            ("collisions", "pairs nearer than 2 m, pairs"),
+            ("spacing_error_deg", "largest gap error, mean, °"),
         ] {
             assert_eq!(axis(key).label(), label);
         }

@@ -5,11 +5,12 @@
 //! DIR/study.json            identity of the study: only the same study of the same program resumes here
 //! DIR/runs.csv, summary.json    when all runs are there
 //! DIR/scenario.toml, metrics.json           of a single run
-//! DIR/seed-N/...                            of several seeds
+//! DIR/seed-N/...                            of several seeds, or flights in real time
 //! DIR/point-P/seed-N/...                    of a sweep
 //! ```
 //!
 //! A run is there when its `metrics.json` is. Files are renamed when they are whole, so that a kill leaves none torn.
+//! Flights in real time that follow each other have the same folder.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::env;
@@ -70,6 +71,8 @@ pub struct Plan {
     is_swept: bool,
     /// Whether the scenario is a fleet of teams.
     pub is_fleet: bool,
+    /// Whether its runs fly in real time.
+    is_live: bool,
     host: Host,
 }
 
@@ -89,10 +92,10 @@ impl Plan {
     /// As [`Self::new`].
     pub fn of(args: &StudyArgs, host: Host) -> Result<Self, Error> {
         let described = args.scenario.read_any(Vec::new())?;
-        let (name, seed) = (&described.first().scenario.name, described.seed());
+        let seed = described.seed();
         let own = args.seed.unwrap_or(seed);
         let points = sweep::points(&args.sweep, args.points, seed).map_err(Error::Refused)?;
-        let mut plan = Self {
+        let plan = Self {
             scenario: args.scenario.clone(),
             points,
             seeds: args.seeds.clone().unwrap_or(own..own + 1),
@@ -101,18 +104,54 @@ impl Plan {
             threads: args.threads,
             is_swept: !args.sweep.is_empty(),
             is_fleet: matches!(described, Described::Fleet(_)),
+            is_live: false,
             host,
         };
-        let seeds = usize::try_from(plan.seeds.end - plan.seeds.start).ok();
-        if seeds.and_then(|seeds| seeds.checked_mul(plan.points.len())).is_none_or(|runs| runs > MOST_RUNS) {
+        plan.checked(&described.first().scenario.name, &args.sweep, args.out.as_deref())
+    }
+
+    /// Flights in real time, one after another with these seeds. Whether each can begin is checked before it begins.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; or the scenario is a fleet.
+    pub fn of_flights(scenario: &ScenarioArgs, seeds: Range<u64>, out: Option<&Path>) -> Result<Self, Error> {
+        let name = scenario.read(Vec::new())?.scenario.name;
+        let program = env::current_exe().map_err(|error| Error::Failed(format!("the program itself: {error}")))?;
+        let plan = Self {
+            scenario: scenario.clone(),
+            points: vec![Point::default()],
+            seeds,
+            out: PathBuf::new(),
+            jobs: None,
+            threads: NonZeroUsize::MIN,
+            is_swept: false,
+            is_fleet: false,
+            is_live: true,
+            host: Host { program, laws: LawPool::default(), stop: Stop::default() },
+        };
+        let plan = plan.checked(&name, &[], out)?;
+        // What failed is flown again, and the series is not finished until then. Usually the file is not there.
+        let _ = fs::remove_file(plan.out.join("summary.json"));
+        Ok(plan)
+    }
+
+    /// What flies, for the lines about its runs.
+    pub(super) fn scenario(&self) -> &ScenarioArgs {
+        &self.scenario
+    }
+
+    /// Checks every run, and finds and marks the folder.
+    fn checked(mut self, name: &str, sweep: &[Sweep], out: Option<&Path>) -> Result<Self, Error> {
+        let seeds = usize::try_from(self.seeds.end - self.seeds.start).ok();
+        if seeds.and_then(|seeds| seeds.checked_mul(self.points.len())).is_none_or(|runs| runs > MOST_RUNS) {
             return Err(Error::Refused(format!("more than {MOST_RUNS} runs")));
         }
-        let fingerprint = plan.check()?;
-        let study = plan.describe(name, &args.sweep, fingerprint)?;
-        plan.out = plan.folder_for(&study, args.out.as_deref(), name)?;
-        out::create(&plan.out)?;
-        write(&plan.out.join("study.json"), &crate::terminal::json(&study))?;
-        Ok(plan)
+        let fingerprint = self.check()?;
+        let study = self.describe(name, sweep, fingerprint)?;
+        self.out = self.folder_for(&study, out, name)?;
+        out::create(&self.out)?;
+        write(&self.out.join("study.json"), &crate::terminal::json(&study))?;
+        Ok(self)
     }
 
     /// Threads that step each run.
@@ -154,7 +193,7 @@ impl Plan {
         for point in 0..self.points.len() {
             let first = PlannedRun { plan: self, point, seed: self.seeds.start };
             let described = first.read().map_err(|error| first.at_point(error))?;
-            if point == 0 {
+            if point == 0 && !self.is_live {
                 described.first().notes.iter().for_each(|note| eprintln!("{note}"));
             }
             let mut like_before: Option<(Scenario, Ready)> = None;
@@ -163,8 +202,8 @@ impl Plan {
                 self.check_team(&scenario).map_err(|error| first.at_point(error))?;
                 let ready = match like_before.take() {
                     Some((before, ready)) if differ_only_in_place(&before, &scenario) => ready,
-                    // A law in this process needs no trial.
-                    _ if self.host.laws.is_local() => {
+                    // A law in this process needs no trial, and each flight in real time has its own.
+                    _ if self.host.laws.is_local() || self.is_live => {
                         self.scenario.ready(&scenario).map_err(|error| first.at_point(error))?
                     }
                     _ => prepare(&self.scenario, &scenario, Time::Virtual, &mut trial)
@@ -213,6 +252,7 @@ impl Plan {
         hash_file(&self.host.program, &mut program)?;
         Ok(json!({
             "scenario": name,
+            "target": if self.is_live { "fly" } else { "study" },
             "version": crate::VERSION,
             "revision": crate::REVISION,
             "seeds": format!("{}..{}", self.seeds.start, self.seeds.end),
@@ -231,7 +271,8 @@ impl Plan {
         let begun = out
             .filter(|_| !self.host.laws.is_local())
             .and_then(|out| Some((out, fs::read_to_string(out.join("study.json")).ok()?)));
-        let Some((out, begun)) = begun else { return out::folder(out, &format!("{name}-study")) };
+        let kind = if self.is_live { "flights" } else { "study" };
+        let Some((out, begun)) = begun else { return out::folder(out, &format!("{name}-{kind}")) };
         let refused =
             |why: String| Err(Error::Refused(format!("--out {}: {why}; choose another folder", out.display())));
         let begun: Value = serde_json::from_str(&begun).unwrap_or_default();
@@ -247,7 +288,9 @@ impl Plan {
                 return refused("another study is there: its scenario or a file that it names has changed".to_owned());
             }
         }
-        if out.join("summary.json").exists() {
+        // Flights in real time that failed are flown again.
+        let is_whole = || !self.is_live || (0..self.runs()).all(|nth| self.run(nth).measured_in(out).is_some());
+        if out.join("summary.json").exists() && is_whole() {
             return refused("this study is there already, and finished".to_owned());
         }
         std::path::absolute(out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))
@@ -318,17 +361,27 @@ pub struct PlannedRun<'a> {
 impl PlannedRun<'_> {
     /// Its folder.
     pub fn folder(&self) -> PathBuf {
+        self.folder_in(&self.plan.out)
+    }
+
+    /// Its folder if the study is in this one.
+    fn folder_in(&self, study: &Path) -> PathBuf {
         let seed = || format!("seed-{}", self.seed);
         match () {
-            () if self.plan.is_swept => self.plan.out.join(format!("point-{}", self.point + 1)).join(seed()),
-            () if self.plan.runs() > 1 => self.plan.out.join(seed()),
-            () => self.plan.out.clone(),
+            () if self.plan.is_swept => study.join(format!("point-{}", self.point + 1)).join(seed()),
+            () if self.plan.runs() > 1 || self.plan.is_live => study.join(seed()),
+            () => study.to_owned(),
         }
     }
 
     /// What it measured, if it has been flown.
     pub fn measured(&self) -> Option<Measured> {
-        Measured::read(&self.text().ok()?).ok()
+        self.measured_in(&self.plan.out)
+    }
+
+    /// What it measured, if it has been flown and the study is in this folder.
+    fn measured_in(&self, study: &Path) -> Option<Measured> {
+        Measured::read(&fs::read_to_string(self.folder_in(study).join("metrics.json")).ok()?).ok()
     }
 
     /// Its `metrics.json`.
@@ -353,6 +406,7 @@ impl PlannedRun<'_> {
     /// # Errors
     /// The reason, with the name of the run.
     pub(super) fn fly_fleet(&self, is_recorded: bool) -> Result<Measured, Error> {
+        self.remove_unfinished();
         let (study, files) = self.fleet()?;
         let folder = self.folder();
         let (scenario_toml, teams_toml) = (files.run.scenario.as_str(), files.teams_toml.as_slice());
@@ -398,6 +452,28 @@ impl PlannedRun<'_> {
         Ok((FleetStudy { teams, seed: self.seed, origin }, FleetFiles { run, teams_toml }))
     }
 
+    /// Removes files that an earlier attempt was writing when it was killed.
+    fn remove_unfinished(&self) {
+        let entries = fs::read_dir(self.folder()).into_iter().flatten().flatten();
+        for path in entries.map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|end| end == "draft"))
+        {
+            // One that stays disturbs nothing.
+            let _ = fs::remove_file(path);
+        }
+    }
+
+    /// Makes room for a flight that is not there: what an earlier attempt left in its folder is removed.
+    ///
+    /// # Errors
+    /// If a file cannot be removed.
+    pub fn clear(&self) -> Result<(), Error> {
+        let folder = self.folder();
+        match fs::remove_dir_all(&folder) {
+            Err(error) if folder.exists() => Err(Error::Failed(format!("{}: {error}", folder.display()))),
+            _ => Ok(()),
+        }
+    }
+
     fn changed(&self) -> Error {
         Error::Refused(format!("{self}: the scenario has changed since the study began"))
     }
@@ -411,8 +487,9 @@ impl PlannedRun<'_> {
         self.end(&files, flight.fly(None))
     }
 
-    /// Its flight, on the ground, and the files that describe it.
+    /// Its flight, on the ground, and the files that describe it. What an interrupted attempt was writing is removed.
     pub(super) fn begin(&self) -> Result<(RunFiles, SeedFlight), Error> {
+        self.remove_unfinished();
         let (study, scenario, aircraft) = self.ready()?;
         let flight = SeedFlight::new(&study, self.seed).map_err(|error| self.failed(&error))?;
         let flight = flight.in_threads(self.plan.threads).until(self.plan.host.stop.clone());

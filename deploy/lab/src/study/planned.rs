@@ -32,14 +32,19 @@ pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> R
     if is_recorded && !plan.is_fleet {
         record(plan, &runs, jobs)?;
     }
-    write(&plan.out.join("runs.csv"), &csv(&plan.points, &runs))?;
+    write_results(plan, &runs)?;
+    Ok(runs)
+}
+
+/// Writes `runs.csv` and, last of all, `summary.json`.
+pub(super) fn write_results(plan: &Plan, runs: &[Measured]) -> Result<(), Error> {
+    write(&plan.out.join("runs.csv"), &csv(&plan.points, runs))?;
     let text = match plan.is_swept() {
-        true => json(&by_point(&plan.points, &runs)),
-        false => json(&summary(&runs)),
+        true => json(&by_point(&plan.points, runs)),
+        false => json(&summary(runs)),
     };
     // The last of all: the study is finished when it is there.
-    write(&plan.out.join("summary.json"), &text)?;
-    Ok(runs)
+    write(&plan.out.join("summary.json"), &text)
 }
 
 /// All runs in their order; those that were there already are only read.

@@ -115,18 +115,26 @@ fn figure(key: &str, column: &[(u64, Option<f64>)]) -> FigureSummary {
     }
 }
 
-/// One row a run: the seed, what is set at its point, then every figure; an unmeasured figure is empty.
+/// The text of a run, and the column of `runs.csv`, with the reason why a flight in real time failed.
+pub(super) const FAILURE: &str = "failure";
+
+/// One row a run: the seed, what is set at its point, then every figure; an unmeasured figure is empty. If a run failed,
+/// the reasons are the last column.
 pub(super) fn csv(points: &[Point], runs: &[Measured]) -> String {
-    let (Some(first), Some(point)) = (runs.first(), points.first()) else { return String::new() };
+    let first = runs.iter().find(|run| !run.figures.is_empty()).or(runs.first());
+    let (Some(first), Some(point)) = (first, points.first()) else { return String::new() };
     let swept = point.0.iter().map(|(key, _)| key.as_str());
+    let has_failed = runs.iter().any(|run| run.texts.contains_key(FAILURE));
     let names = ["seed"].into_iter().chain(swept).chain(first.figures.keys().map(String::as_str));
+    let names = names.chain(has_failed.then_some(FAILURE));
     let mut table = csv::Writer::from_writer(Vec::new());
     let mut written = table.write_record(names);
     for (nth, run) in runs.iter().enumerate() {
         let set = points[nth * points.len() / runs.len()].0.iter().map(|(_, value)| value.clone());
         let figures = first.figures.keys().map(|key| run.figures.get(key).copied().flatten());
         let figures = figures.map(|value| value.map(|number| number.to_string()).unwrap_or_default());
-        let row = [run.seed.to_string()].into_iter().chain(set).chain(figures);
+        let failure = has_failed.then(|| run.texts.get(FAILURE).cloned().unwrap_or_default());
+        let row = [run.seed.to_string()].into_iter().chain(set).chain(figures).chain(failure);
         written = written.and_then(|()| table.write_record(row));
     }
     // Memory takes everything, every row has as many cells as the first, and numbers and TOML are UTF-8.

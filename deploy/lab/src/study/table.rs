@@ -7,29 +7,29 @@ use super::sweep::Point;
 use crate::metrics::figures;
 use crate::metrics::{Measured, Outcome};
 
-/// The figures that a reader looks for first, each with a short description. The table has the first [`HEADLINES`] of these that
+/// The figures that a reader looks for first. The table has the first [`HEADLINES`] of these that
 /// the runs have.
-const HEADLINE: [(&str, &str); 20] = [
-    ("collisions", "pairs nearer than 2 m"),
-    ("crashes", "vehicles that crashed"),
-    ("min_separation_m", "least distance of a pair"),
-    ("setpoints_reached", "mission steps reached by all"),
-    ("at_altitude_s", "all at their altitude from then on"),
-    ("in_band_s", "all in the band from then on"),
-    ("even_10deg_s", "gaps within 10° of even from then on"),
-    ("detection_s", "slowest detection of a lost peer"),
-    ("rejoin_s", "slowest rejoin of a peer"),
-    ("transient_s", "slowest return into formation"),
-    ("radial_rms_m", "root mean square distance from the ring"),
-    ("spacing_error_deg", "largest gap error, mean"),
-    ("centroid_lag_m", "centroid from the formation's centre"),
-    ("max_centre_distance_m", "farthest from the moving centre"),
-    ("order", "alignment of velocities, 1 is best"),
-    ("band_occupancy", "share of time in the band"),
-    ("max_tilt_deg", "largest tilt"),
-    ("altitude_rms_m", "altitude error"),
-    ("peer_age_p99_ms", "99th percentile age of peer states"),
-    ("duration_s", "length of a run"),
+const HEADLINE: [&str; 20] = [
+    "collisions",
+    "crashes",
+    "min_separation_m",
+    "setpoints_reached",
+    "at_altitude_s",
+    "in_band_s",
+    "even_10deg_s",
+    "detection_s",
+    "rejoin_s",
+    "transient_s",
+    "radial_rms_m",
+    "spacing_error_deg",
+    "centroid_lag_m",
+    "max_centre_distance_m",
+    "order",
+    "band_occupancy",
+    "max_tilt_deg",
+    "altitude_rms_m",
+    "peer_age_p99_ms",
+    "duration_s",
 ];
 const HEADLINES: usize = 12;
 
@@ -43,30 +43,29 @@ pub(super) enum Which {
 }
 
 impl Which {
-    /// The keys of a table, each with a short description.
-    fn keys<'a>(self, has: impl Fn(&str) -> bool, all: impl Iterator<Item = &'a str>) -> Vec<(&'a str, &'static str)> {
+    /// The keys of a table.
+    fn keys<'a>(self, has: impl Fn(&str) -> bool, all: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
         match self {
-            Self::Headline => HEADLINE.into_iter().filter(|(key, _)| has(key)).take(HEADLINES).collect(),
-            Self::All => all.map(|key| (key, meaning(key))).collect(),
+            Self::Headline => HEADLINE.into_iter().filter(|key| has(key)).take(HEADLINES).collect(),
+            Self::All => all.collect(),
         }
     }
 }
 
-/// A short description of a figure: that of the headline, or the unit.
-fn meaning(key: &str) -> &'static str {
-    let headline = HEADLINE.iter().find(|(known, _)| *known == key).map(|(_, description)| *description);
-    headline.or_else(|| figures::of(key).map(|figure| figure.unit)).unwrap_or_default()
+/// The name of a figure.
+fn name(key: &str) -> &'static str {
+    figures::of(key).map(|figure| figure.name).unwrap_or_default()
 }
 
 /// A line for each figure over all runs.
 pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
     let keys = which.keys(|key| summary.contains_key(key), summary.keys().map(String::as_str));
-    let has_never = keys.iter().filter_map(|(key, _)| summary.get(*key)).any(|figure| figure.never > 0);
+    let has_never = keys.iter().filter_map(|key| summary.get(*key)).any(|figure| figure.never > 0);
     let mut table = Table::new();
     let never = has_never.then_some("never");
     let header = ["figure", "runs"].into_iter().chain(never).chain(["median", "quartiles", "worst", "its seed", ""]);
     table.load_style(presets::NOTHING).set_header(header);
-    for (key, description) in keys {
+    for key in keys {
         let Some(figure) = summary.get(key) else { continue };
         let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| value_text(key, value));
         let quartiles = format!("{} … {}", number(figure.q1), number(figure.q3));
@@ -80,7 +79,7 @@ pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
         let seed = figure.worst_seed.filter(|_| differs).map(|seed| seed.to_string()).unwrap_or_default();
         let never = has_never.then(|| figure.never.to_string());
         let row = [key.to_owned(), figure.n.to_string()].into_iter().chain(never);
-        table.add_row(row.chain([number(figure.median), quartiles, worst, seed, description.to_owned()]));
+        table.add_row(row.chain([number(figure.median), quartiles, worst, seed, name(key).to_owned()]));
     }
     let last = table.column_count().saturating_sub(1);
     for (nth, column) in table.column_iter_mut().enumerate() {
@@ -96,13 +95,13 @@ pub(super) fn of_run(run: &Measured, which: Which) -> String {
     let keys = which.keys(|key| run.outcome(key).is_some(), run.figures.keys().map(String::as_str));
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(["figure", "value", ""]);
-    for (key, description) in keys {
+    for key in keys {
         let value = match run.outcome(key) {
             Some(Outcome::Value(value)) => value_text(key, value),
             Some(Outcome::Never) => "never".to_owned(),
             None => continue,
         };
-        table.add_row([key, &value, description]);
+        table.add_row([key, &value, name(key)]);
     }
     if let Some(values) = table.column_mut(1) {
         values.set_cell_alignment(CellAlignment::Right);

@@ -1,5 +1,6 @@
 //! A study's verdict: how many runs did what they should, and which ones did not.
 
+use super::summary::FAILURE;
 use super::sweep::Point;
 use crate::metrics::{Measured, Outcome};
 use crate::scenario::ScenarioArgs;
@@ -15,7 +16,8 @@ struct Failure {
     is_it: fn(&Measured) -> bool,
 }
 
-const FAILURES: [Failure; 7] = [
+const FAILURES: [Failure; 8] = [
+    Failure { text: "not flown to the end", is_it: |run| run.texts.contains_key(FAILURE) },
     Failure { text: "with a collision", is_it: |run| is_above_zero(run, "collisions") },
     Failure { text: "with a crash", is_it: |run| is_above_zero(run, "crashes") },
     Failure {
@@ -28,6 +30,11 @@ const FAILURES: [Failure; 7] = [
     Failure { text: "not back in formation 120 s after a change", is_it: |run| never(run, "transient_s") },
 ];
 
+/// The ways in which a run has failed, each as a text such as "with a collision".
+pub(crate) fn failures(run: &Measured) -> impl Iterator<Item = &'static str> + '_ {
+    FAILURES.iter().filter(|failure| (failure.is_it)(run)).map(|failure| failure.text)
+}
+
 fn is_above_zero(run: &Measured, key: &str) -> bool {
     matches!(run.outcome(key), Some(Outcome::Value(value)) if value > 0.0)
 }
@@ -39,7 +46,7 @@ fn never(run: &Measured, key: &str) -> bool {
 /// The verdict in a line, then a line for each kind of failure with its seeds and the command that flies the first one live.
 /// `runs` are those of the first point, then those of the next.
 pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measured]) -> String {
-    let good = |run: &&Measured| !FAILURES.iter().any(|failure| (failure.is_it)(run));
+    let good = |run: &&Measured| failures(run).next().is_none();
     let all_good: Vec<&Measured> = runs.iter().filter(good).collect();
     let results = match all_good.as_slice() {
         [] => "none without a failure".to_owned(),
@@ -73,7 +80,7 @@ pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measure
 }
 
 /// What all of these runs have achieved, as far as their figures show it.
-fn achievements(runs: &[&Measured]) -> Vec<String> {
+pub(crate) fn achievements(runs: &[&Measured]) -> Vec<String> {
     let mut results = Vec::new();
     let all_have = |key: &str| runs.iter().all(|run| matches!(run.outcome(key), Some(Outcome::Value(_))));
     for (key, what) in [("collisions", "no collision"), ("crashes", "no crash")] {
@@ -100,7 +107,7 @@ fn achievements(runs: &[&Measured]) -> Vec<String> {
 }
 
 /// `1, 2 and 5`; of many the first ones.
-fn list(items: &[String]) -> String {
+pub(crate) fn list(items: &[String]) -> String {
     match items {
         [] => String::new(),
         [only] => only.clone(),

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Order, Verb};
+use skein_common::message::{Order, StandingOrders};
 use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
 use skein_core::impairments::lasting;
 
-use crate::faults::{LinkChange, Schedule, failure_of, kills, link_changes, orders};
+use crate::faults::{LinkChange, OperatorOrder, Schedule, failure_of, kills, link_changes, orders};
 
 /// Time between two transmissions of an order, s.
 const RESEND_PERIOD_S: f64 = 0.2;
@@ -63,35 +63,44 @@ pub(super) fn clock_begins_s(scenario: &Scenario, own: VehicleId) -> f64 {
     scenario.mission.events.iter().map(back_s).sum()
 }
 
-/// Sends the scenario's orders as an operator does: the newest order, until all agents acknowledge it.
+/// Sends the scenario's orders as an operator does: each until all agents acknowledge it or newer orders replace it.
 #[derive(Debug)]
 pub(super) struct Operator {
-    schedule: Schedule<Verb>,
+    schedule: Schedule<OperatorOrder>,
     epoch: u64,
-    /// The current order, with the time of its next transmission, s.
-    order: Option<(Order, f64)>,
+    given: StandingOrders,
+    /// The orders that are not acknowledged yet, each with the time of its next transmission, s.
+    waiting: Vec<(Order, f64)>,
 }
 
 impl Operator {
     pub(super) fn new(scenario: &Scenario) -> Self {
-        Self { schedule: Schedule::new(orders(&scenario.mission.events)), epoch: 0, order: None }
+        let (schedule, given) = (Schedule::new(orders(&scenario.mission.events)), StandingOrders::default());
+        Self { schedule, epoch: 0, given, waiting: Vec::new() }
     }
 
-    /// The order that the operator sends at `t_s`, s; `all_acknowledge` returns whether every agent repeats an order.
-    pub(super) fn order_to_send(&mut self, t_s: f64, all_acknowledge: impl Fn(&Order) -> bool) -> Option<Order> {
-        while let Some(verb) = self.schedule.due(t_s) {
+    /// The orders that the operator sends at `t_s`, s; `all_acknowledge` returns whether every agent knows an order.
+    pub(super) fn orders_to_send(&mut self, t_s: f64, all_acknowledge: impl Fn(&Order) -> bool) -> Vec<Order> {
+        while let Some(OperatorOrder { verb, vehicles }) = self.schedule.due(t_s) {
             self.epoch += 1;
-            self.order = Some((Order { epoch: self.epoch, issuer: ISSUER, verb, signature: None }, t_s));
+            let order = Order { epoch: self.epoch, issuer: ISSUER, verb, vehicles, signature: None };
+            self.given.merge(order);
+            self.waiting.push((order, t_s));
         }
-        self.order = self.order.filter(|(order, _)| !all_acknowledge(order));
-        let (order, next_s) = self.order.as_mut().filter(|(_, next_s)| *next_s <= t_s)?;
-        *next_s += RESEND_PERIOD_S;
-        Some(*order)
+        let given = &self.given;
+        self.waiting.retain(|(order, _)| given.iter().any(|known| known == *order) && !all_acknowledge(order));
+        let due = self.waiting.iter_mut().filter(|(_, next_s)| *next_s <= t_s);
+        due.map(|(order, next_s)| {
+            *next_s += RESEND_PERIOD_S;
+            *order
+        })
+        .collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use skein_common::message::Verb;
     use skein_common::scenario::{Source, load};
 
     use super::*;
@@ -145,17 +154,20 @@ mod tests {
 
     #[test]
     fn the_operator_repeats_an_order_until_all_acknowledge_it_and_ends_a_hold() {
-        let events = "{ at_s = 1, for_s = 2, order = 'hold' }, { at_s = 5, order = 'goto', step = 0 }";
+        let events = "{ at_s = 1, for_s = 2, order = 'hold' }, { at_s = 5, order = 'goto', step = 0 }, \
+                      { at_s = 5, order = 'release', vehicles = [3] }";
         let mut operator = Operator::new(&scenario(events));
-        let order = |epoch, verb| Order { epoch, issuer: ISSUER, verb, signature: None };
-        assert_eq!(operator.order_to_send(0.9, |_| true), None);
+        let order = |epoch, verb| Order { epoch, issuer: ISSUER, verb, vehicles: None, signature: None };
+        assert_eq!(operator.orders_to_send(0.9, |_| true), []);
         for t_s in [1.0, 1.2] {
-            assert_eq!(operator.order_to_send(t_s, |_| false), Some(order(1, Verb::Hold)));
-            assert_eq!(operator.order_to_send(t_s + 0.1, |_| false), None);
+            assert_eq!(operator.orders_to_send(t_s, |_| false), [order(1, Verb::Hold)]);
+            assert_eq!(operator.orders_to_send(t_s + 0.1, |_| false), []);
         }
-        assert_eq!(operator.order_to_send(1.5, |newest| *newest == order(1, Verb::Hold)), None);
-        assert_eq!(operator.order_to_send(2.9, |_| false), None, "all agents had acknowledged it");
-        assert_eq!(operator.order_to_send(3.0, |_| false), Some(order(2, Verb::Goto(0))));
-        assert_eq!(operator.order_to_send(5.0, |_| false), Some(order(3, Verb::Goto(0))), "the newest only");
+        assert_eq!(operator.orders_to_send(1.5, |newest| *newest == order(1, Verb::Hold)), []);
+        assert_eq!(operator.orders_to_send(2.9, |_| false), [], "all agents had acknowledged it");
+        assert_eq!(operator.orders_to_send(3.0, |_| false), [order(2, Verb::Goto(0))]);
+        let release = Order { vehicles: Some([id(3)].into_iter().collect()), ..order(4, Verb::Release) };
+        let newest = [order(3, Verb::Goto(0)), release];
+        assert_eq!(operator.orders_to_send(5.0, |_| false), newest, "the newest of the swarm and of each vehicle");
     }
 }

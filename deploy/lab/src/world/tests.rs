@@ -127,3 +127,26 @@ fn sensors_of_the_same_seed_give_the_same_bits() {
     assert_eq!(flown("seed=4"), flown("seed=4"));
     assert_ne!(flown("seed=4"), flown("seed=5"));
 }
+
+#[test]
+fn a_vehicle_that_is_released_for_a_time_joins_the_ring_again() {
+    let release = "mission.events=[{ at_s = 60, for_s = 20, order = 'release', vehicles = [3] }]";
+    let mut world = world(&[release]);
+    fly(&mut world, 75.0);
+    assert_eq!(activities(&world)[2], Activity::Released);
+    let others = [0, 1, 3].map(|nth| activities(&world)[nth]);
+    assert_eq!(others, [Activity::Formation; 3]);
+    let height_m = world.vehicles().nth(2).map(|(_, _, truth, _)| truth.height_m);
+    assert!(height_m.is_some_and(|height_m| height_m > 20.0), "the pilot flies: {height_m:?}");
+    fly(&mut world, 60.0);
+    assert!(world.all_active() && activities(&world) == [Activity::Formation; 4], "{:?}", activities(&world));
+}
+
+#[test]
+fn orders_to_different_vehicles_do_not_replace_each_other() {
+    let events =
+        "mission.events=[{ at_s = 40, order = 'land', vehicles = [1] }, { at_s = 40, order = 'hold', vehicles = [2] }]";
+    let mut world = world(&[events]);
+    fly(&mut world, 90.0);
+    assert_eq!(activities(&world), [Activity::Landed, Activity::Holding, Activity::Formation, Activity::Formation]);
+}

@@ -15,6 +15,7 @@ use skein_core::formation::{UnsupportedScenario, Workspace};
 use skein_core::helicopter::Script;
 use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, Received};
+use skein_core::pilot::SimulatedPilot;
 use skein_core::plant::{Command, Controls, Frame, GroundTruth, Measurement};
 use skein_core::station::{Clocks, InPlace, Station};
 use skein_core::strangers::StrangerState;
@@ -61,6 +62,10 @@ pub(super) struct Vehicle {
     /// Plant time of the last frame.
     pub(super) plant_time: PlantTime,
     pub(super) command: Option<Command>,
+    /// What moves the plant in this frame: the command, or what a pilot does.
+    pub(super) moved_by: Option<Command>,
+    /// Flies the vehicle while its agent has released it.
+    pub(super) human: SimulatedPilot,
     /// Controls that replace the agent's command.
     pub(super) pilot: Option<Controls>,
     /// Whether the simulator stands still in this frame.
@@ -75,6 +80,7 @@ impl Vehicle {
         rules: &Rules,
         plant: BuiltInPlant,
     ) -> Result<Self, UnsupportedScenario> {
+        let human = SimulatedPilot::new(scenario, &aircraft, rules);
         let mut vehicle = Self {
             id,
             aircraft,
@@ -92,6 +98,8 @@ impl Vehicle {
             heartbeat: None,
             plant_time: PlantTime::ZERO,
             command: None,
+            moved_by: None,
+            human,
             pilot: None,
             simulator_frozen: false,
         };
@@ -164,6 +172,7 @@ impl Vehicle {
         workspace: &mut Workspace,
     ) -> Option<Outputs> {
         let station = self.station.as_mut()?;
+        station.controls_are(self.moved_by.and_then(Command::controls));
         let answer = self.answer.take();
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
         let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());

@@ -101,6 +101,22 @@ fn an_x_plane_ready_for_an_agent_has_no_fault_and_a_missing_dataref_is_named() {
 }
 
 #[test]
+fn random_failures_are_as_the_scenario_wants_them() {
+    let paths = RANDOM_FAILURES.map(str::to_owned);
+    for (values, are_wanted, expected) in [
+        (&[][..], false, State::Unknown),
+        (&[0.0], false, State::Good),
+        (&[0.0, 1.0], false, State::Warning),
+        (&[1.0], true, State::Good),
+        (&[0.0, 0.0], true, State::Warning),
+    ] {
+        let values = paths.iter().cloned().zip(values.iter().copied()).collect();
+        let line = random_failures("here", &Survey { values, ..Survey::default() }, are_wanted);
+        assert_eq!(line.state, expected, "{line:?}");
+    }
+}
+
+#[test]
 fn a_path_that_was_not_read_to_its_end_is_no_fault() {
     let acf = format!("Aircraft/{}/R22.acf", "x".repeat(PATH_CHARACTERS));
     let running = Running::with(&["--acf", &acf]);
@@ -120,7 +136,11 @@ fn the_web_api_says_which_datarefs_exist_and_which_aircraft_is_loaded() {
     }
     let api = found.iter().find(|line| line.what == "web API").unwrap();
     assert!(api.found.starts_with("v1, v2, v3 of X-Plane 12.4.0, "), "{api:?}");
-    profile.collective.push(skein_core::aircraft::Dataref::new("laminar/r22/rotor_collective_ratio").unwrap());
+    let dataref = |path: &str| skein_core::aircraft::Dataref::new(path).unwrap();
+    profile.collective.push(dataref("laminar/r22/rotor_collective_ratio"));
+    let found = lines("here", &running.surveyor(), &looked_at(&profile, None, &running.web)).unwrap();
+    assert_eq!(state(&found, "web datarefs"), State::Good, "the aircraft's own dataref: {found:#?}");
+    profile.collective.push(dataref("laminar/s76/rotor_collective_ratio"));
     let found = lines("here", &running.surveyor(), &looked_at(&profile, None, &running.web)).unwrap();
     assert_eq!(state(&found, "web datarefs"), State::Fault);
 }
@@ -169,10 +189,13 @@ fn controls_that_a_dead_agent_held_are_given_back() {
     let overrides = ["sim/operation/override/override_joystick".to_owned()];
     surveyor.write(&overrides[0], 1.0);
     assert!(read_until(&surveyor, &overrides, 1.0).unwrap(), "the agent held them");
+    let peer = ["sim/operation/override/override_planepath[2]".to_owned()];
+    surveyor.write(&peer[0], 1.0);
     let held = lines("here", &surveyor, &looked_at(&Profile::default(), None, &WebChoice::Off)).unwrap();
     assert_eq!(state(&held, "overrides"), State::Warning, "the check does not touch them");
     assert!(read_until(&surveyor, &overrides, 1.0).unwrap());
     let xplanes = vec![running.address.to_string().parse().unwrap()];
     release(&ReleaseArgs { xplanes, aircraft: "xcell60".to_owned() }).unwrap();
     assert!(read_until(&surveyor, &overrides, 0.0).unwrap());
+    assert!(read_until(&surveyor, &peer, 0.0).unwrap(), "the aircraft that showed a peer");
 }

@@ -16,7 +16,9 @@ use crate::inventory::{Install, Inventory, Node, SecurityKind};
 use crate::keys::Role;
 use crate::keys::certificate::{Unfit, unfit};
 use crate::keys::certificate_spec;
-use crate::keys::folder::{AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, certificate_file, key_file, vehicles_toml};
+use crate::keys::folder::{
+    AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, certificate_file, key_file, stem, vehicles_toml,
+};
 use crate::reach::orders_key;
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -167,14 +169,17 @@ impl Bundle {
         Ok(found.then_some(command))
     }
 
-    /// Adds the node's certificate, and an observer's, so that the swarm can be observed from the node. Returns the
+    /// Adds the node's certificate, and that of its observer, so that the swarm can be observed from the node. Returns the
     /// table `[security]` of its configuration.
     fn add_keys(&mut self, inventory: &Inventory, node: &Node) -> Result<String, Error> {
         let keys = Folder(inventory.keys.clone());
         keys.check_private()?;
         let (authority, names) = (keys.need(AUTHORITY)?, keys.need_names()?);
         let orders = orders_key(&keys)?;
-        for (role, place) in [(Role::Vehicle(node.id), "node"), (Role::Observer, "keys/observer")] {
+        let observer = Role::NodeObserver(node.id);
+        for (role, place) in
+            [(Role::Vehicle(node.id), "node".to_owned()), (observer, format!("keys/{}", stem(observer)))]
+        {
             let pair = keys.need_pair(&certificate_file(role), &key_file(role))?;
             if let Some(why) = unfit(&pair, &certificate_spec(inventory, &names, role), &authority, clock::utc())
                 .filter(Unfit::is_fatal)
@@ -254,15 +259,14 @@ fn agent_toml(inventory: &Inventory, node: &Node) -> String {
     text
 }
 
-fn security_toml(inventory: &Inventory, names: Names, orders: VerificationKey) -> String {
-    let mut vehicles = names.vehicles;
-    vehicles.retain(|id, _| inventory.nodes.contains_key(id));
+fn security_toml(inventory: &Inventory, mut names: Names, orders: VerificationKey) -> String {
+    names.retain(|id| inventory.nodes.contains_key(&id));
     format!(
         "\n[security]\nauthority = \"authority.pem\"\ncertificate = \"node.pem\"\nkey = \"node.key\"\norders = \"{orders}\"\n\
-         observer = \"{}\"\noperator = \"{}\"\n\n[security.vehicles]\n{}",
-        names.observer,
+         observers = {}\noperator = \"{}\"\n\n[security.vehicles]\n{}",
+        Toml::from(names.all_observers()),
         names.operator,
-        vehicles_toml(&vehicles)
+        vehicles_toml(&names.vehicles)
     )
 }
 

@@ -71,14 +71,14 @@ fn an_agent_can_start_with_the_files_of_its_node() {
         "cluster.toml",
         "keys/authority.pem",
         "keys/names.toml",
-        "keys/observer.key",
-        "keys/observer.pem",
+        "keys/observer-2.key",
+        "keys/observer-2.pem",
         "keys/orders.pub",
         "node.key",
         "node.pem",
         "scenario.toml",
     ];
-    assert_eq!(names, expected, "never the operator's key");
+    assert_eq!(names, expected, "never the operator's keys, nor those of another node");
 }
 
 #[test]
@@ -94,6 +94,11 @@ fn the_swarm_can_be_observed_from_a_node() {
     assert_eq!((&read.swarm, endpoints(&read)), (&inventory.swarm, endpoints(&inventory)));
     assert_eq!(read.scenario.first().scenario, inventory.scenario.first().scenario);
     assert_eq!(read.keys, there.path().join("keys"));
+    let Security::Tls(tls) = read.reaches(Role::Observer).unwrap().remove(0).security else { panic!("secured") };
+    assert_eq!(tls.key, read.keys.join("observer-3.key"));
+    assert_eq!(tls.observers, ["observer", "observer-1", "observer-2", "observer-3"]);
+    let orders = read.reaches(Role::Operator).map(|_| ()).unwrap_err().to_string();
+    assert!(orders.contains("operator.pem does not exist"), "{orders}");
 }
 
 #[test]
@@ -140,6 +145,8 @@ fn a_revocation_changes_the_files_of_every_node() {
     let after = Bundle::of(&inventory, id(1)).unwrap();
     assert!(text(&before, "agent.toml").contains("\n3 = { name = \"vehicle-3\", key = \""));
     assert!(text(&after, "agent.toml").contains("\n3 = { name = \"vehicle-3.2\", key = \""));
+    let observers = r#"observers = ["observer", "observer-1", "observer-2", "observer-3.2"]"#;
+    assert!(text(&after, "agent.toml").contains(observers), "{}", text(&after, "agent.toml"));
     assert_ne!(before.id(), after.id());
 }
 

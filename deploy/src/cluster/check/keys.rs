@@ -2,9 +2,9 @@
 
 use super::Line;
 use crate::inventory::{Inventory, SecurityKind};
-use crate::keys::certificate::{Unfit, expires, unfit};
+use crate::keys::certificate::{expires, unfit};
 use crate::keys::folder::{AUTHORITY, Folder, ORDERS_PUBLIC, certificate_file, key_file};
-use crate::keys::{certificate_spec, day, roles};
+use crate::keys::{Role, certificate_spec, day, roles, shared_observer};
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -30,7 +30,7 @@ pub(super) fn lines(inventory: &Inventory, file: &str) -> Vec<Line> {
     let folder = Folder(inventory.keys.clone());
     let ends = roles(inventory).filter_map(|role| expires(&folder.read(&certificate_file(role)).ok()??)).min();
     let until = ends.map_or(String::new(), |end| format!("; the first expires on {}", day(end)));
-    vec![Line::new("this PC", "keys", format!("all {} are valid{until}", inventory.nodes.len() + 2))]
+    vec![Line::new("this PC", "keys", format!("all {} are valid{until}", roles(inventory).count()))]
 }
 
 fn faults(inventory: &Inventory, file: &str) -> Result<Vec<Line>, Error> {
@@ -38,17 +38,20 @@ fn faults(inventory: &Inventory, file: &str) -> Result<Vec<Line>, Error> {
     folder.check_private()?;
     let (authority, names) = (folder.need(AUTHORITY)?, folder.need_names()?);
     folder.need(ORDERS_PUBLIC)?;
-    let mut lines = Vec::new();
-    for role in roles(inventory) {
-        let certificate = certificate_file(role);
-        let again = format!("`skein cluster keys -f {file}`, then `skein cluster install -f {file}`");
-        let line = |found: String| Line::new("this PC", "keys", found);
+    let line = |found: String| Line::new("this PC", "keys", found);
+    let again = || format!("`skein cluster keys -f {file}`, then `skein cluster install -f {file}`");
+    let mut lines: Vec<_> =
+        shared_observer(inventory, &names).into_iter().map(|found| line(found).fault(again())).collect();
+    // A node that is named there has no file either.
+    let is_named = |role: &Role| matches!(role, Role::NodeObserver(id) if !names.observers.contains_key(id));
+    for role in roles(inventory).filter(|role| !is_named(role)) {
+        let (certificate, again) = (certificate_file(role), again());
         match folder.pair(&certificate, &key_file(role))? {
             None => lines.push(line(format!("{certificate} or its key is missing")).fault(again)),
             Some(pair) => match unfit(&pair, &certificate_spec(inventory, &names, role), &authority, clock::utc()) {
                 None => {}
-                Some(Unfit::Expiring) => lines.push(line(format!("{certificate} {}", Unfit::Expiring)).warning(again)),
-                Some(why) => lines.push(line(format!("{certificate} {why}")).fault(again)),
+                Some(why) if why.forbids_flight() => lines.push(line(format!("{certificate} {why}")).fault(again)),
+                Some(why) => lines.push(line(format!("{certificate} {why}")).warning(again)),
             },
         }
     }

@@ -129,10 +129,18 @@ fn missing_invalid_or_readable_keys_are_faults() {
     assert!(missing.remedy.as_ref().unwrap().contains("skein cluster keys"));
     cluster_keys::make(&inventory, None, None, clock::utc()).unwrap();
     let [good] = &lines(&inventory)[..] else { panic!("one line") };
-    assert!(good.state == State::Good && good.found.starts_with("all 4 are valid; the first expires on 2"), "{good:?}");
+    assert!(good.state == State::Good && good.found.starts_with("all 6 are valid; the first expires on 2"), "{good:?}");
     inventory.nodes.get_mut(&"2".parse().unwrap()).unwrap().address = "10.0.0.99".to_owned();
     let [moved] = &lines(&inventory)[..] else { panic!("one line") };
     assert_eq!((moved.state, moved.found.as_str()), (State::Fault, "vehicle-2.pem has another address"));
+    let names = inventory.keys.join("names.toml");
+    let of_before = fs::read_to_string(&names).unwrap().replace("2 = \"observer-2\"\n", "");
+    fs::write(&names, of_before).unwrap();
+    let [shared, _] = &lines(&inventory)[..] else { panic!("two lines") };
+    assert!(
+        shared.state == State::Fault && shared.found.starts_with("the observer at node 2 has no key of its own"),
+        "{shared:?}"
+    );
     fs::set_permissions(&inventory.keys, fs::Permissions::from_mode(0o755)).unwrap();
     let [open] = &lines(&inventory)[..] else { panic!("one line") };
     assert!(

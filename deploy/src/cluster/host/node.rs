@@ -1,7 +1,8 @@
 //! One node's folder on its host: what is installed, what was started, and the agent's process. [`place`](super::place)
 //! shows its files.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -53,8 +54,37 @@ pub(super) struct Started {
     /// The operator's signed note of that run.
     #[serde(default)]
     pub(super) note: Option<RunNote>,
-    /// Time of the start, on the clock that all processes of this host share, s.
+    /// Time of the start.
+    #[serde(flatten)]
+    pub(super) at: Moment,
+}
+
+impl Started {
+    /// Time since then, s.
+    pub(super) fn flown_s(&self, now: &Moment) -> f64 {
+        let is_same_boot = self.at.boot == now.boot;
+        let flown_s = if is_same_boot { now.at_s - self.at.at_s } else { now.utc_s - self.at.utc_s };
+        flown_s.max(0.0)
+    }
+}
+
+/// A time on the clocks of this host.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Moment {
+    /// On the clock that all processes of this host share and that cannot be set, s. It begins with each boot.
     pub(super) at_s: f64,
+    /// UTC, s since 1970.
+    #[serde(default)]
+    pub(super) utc_s: f64,
+    /// Identifies the boot; `None` where the system does not name it.
+    #[serde(default)]
+    pub(super) boot: Option<String>,
+}
+
+impl Moment {
+    pub(super) fn now() -> Self {
+        Self { at_s: os::uptime_s(), utc_s: clock::utc_nanoseconds() as f64 * 1e-9, boot: os::boot() }
+    }
 }
 
 /// The agent that was started last.
@@ -110,6 +140,11 @@ impl NodeFolder {
         self.run().join("ended")
     }
 
+    /// The socket on which the agent reports to its supervisor that its control thread runs.
+    pub(super) fn notify_path(&self) -> PathBuf {
+        self.run().join("notify")
+    }
+
     pub(super) fn supervisor_path(&self) -> PathBuf {
         self.run().join("supervisor")
     }
@@ -143,6 +178,17 @@ impl NodeFolder {
 
     pub(super) fn set_agent(&self, agent: &AgentProcess) -> Result<(), String> {
         write(&self.agent_path(), agent)
+    }
+
+    /// Writes the agent into the file of the one before. This needs no room on the disk, and a reader may see a mixture.
+    pub(super) fn overwrite_agent(&self, agent: &AgentProcess) -> Result<(), String> {
+        let (path, text) = (self.agent_path(), skein_lab::terminal::json(agent));
+        let overwrite = || {
+            let mut file = File::options().write(true).open(&path)?;
+            file.write_all(text.as_bytes())?;
+            file.set_len(text.len() as u64)
+        };
+        overwrite().map_err(at(&path))
     }
 
     /// The running agent.

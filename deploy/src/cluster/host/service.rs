@@ -12,7 +12,7 @@ use skein_agent::run::{INCARNATION_FILE, RELEASE};
 
 use super::files::{self, at};
 use super::logs;
-use super::node::{AgentProcess, NodeFolder, Settings, Started, install_name, linked};
+use super::node::{AgentProcess, Moment, NodeFolder, Settings, Started, install_name, linked};
 use super::place::{PROGRAM, Place};
 use super::process::Process;
 use super::systemd::Systemd;
@@ -98,9 +98,12 @@ pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<Run
         (None, Some(_)) => {}
     }
     let to = Path::new("../installs").join(install_name(&installed));
-    files::remove(&node.agent_path()).map_err(at(&node.agent_path()))?;
+    // The mark would keep the agent on the ground.
+    for path in [node.agent_path(), node.ended_path()] {
+        files::remove(&path).map_err(at(&path))?;
+    }
     files::link(&node.active(), &to)?;
-    node.set_started(&Started { installed, run, note, at_s: os::uptime_s() })?;
+    node.set_started(&Started { installed, run, note, at: Moment::now() })?;
     match systemd {
         Some(systemd) => systemd.start(&place.swarm, node)?,
         None => supervise(node)?,
@@ -175,22 +178,29 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     let (Some(started), Some(settings)) = (node.started(), node.settings()) else {
         return Err(format!("node {} was not started by a request", node.id));
     };
+    if node.ended_path().exists() {
+        // Its host has started again.
+        eprintln!("vehicle {} has landed and its agent has ended: `skein cluster up` starts it again", node.id);
+        return Ok(());
+    }
     let restarts = node.last_agent().map(|last| last.restarts + 1);
-    // Remove what an earlier agent has left: its sockets, and the mark of a successful end.
-    let left = files::entries(&node.run()).into_iter().filter(|path| is_socket_folder(path));
-    for path in left.chain([node.ended_path()]) {
+    // Remove the sockets that an earlier agent has left.
+    for path in files::entries(&node.run()).into_iter().filter(|path| is_socket_folder(path)) {
         files::remove(&path).map_err(at(&path))?;
     }
     let agent = AgentProcess { process: Process::own(), restarts: restarts.unwrap_or(0) };
-    node.set_agent(&agent)?;
+    if let Err(error) = node.set_agent(&agent) {
+        // A full disk does not keep a vehicle on the ground.
+        eprintln!("{error}; the agent starts, and its process is noted over that of the agent before");
+        node.overwrite_agent(&agent)?;
+    }
     let program = std::env::current_exe().map_err(|error| error.to_string())?;
     let mut command = Command::new(&program);
     command.args(["agent", "--config"]).arg(node.install(&started.installed).join("agent.toml"));
-    command.arg("--run").arg(started.run.to_string());
+    command.arg("--run").arg(started.run.to_string()).arg("--inputs").arg(node.run());
     if restarts.is_some() {
         // The scenario's events continue from this time.
-        let flown_s = (os::uptime_s() - started.at_s).max(0.0);
-        command.arg("--flown-s").arg(format!("{flown_s:.3}"));
+        command.arg("--flown-s").arg(format!("{:.3}", started.flown_s(&Moment::now())));
     }
     command.env(RELEASE, &started.installed.release).env(INCARNATION_FILE, node.run().join("life"));
     command.env(ENDED, node.ended_path());

@@ -15,7 +15,8 @@ use super::logs::{self, Log};
 use super::node::NodeFolder;
 use super::place::PROGRAM;
 use super::process::Process;
-use crate::os::{self, Interrupts};
+use super::watchdog::Watchdog;
+use crate::os::{self, Interrupts, Notifications};
 use skein_host::clock;
 
 /// The first pause before an agent is restarted; each further pause is twice as long.
@@ -61,6 +62,13 @@ enum Agent {
 }
 
 impl Agent {
+    fn kill(&self) {
+        match self {
+            Self::Own(child, _) => os::kill(child.id()),
+            Self::Found(process) => process.kill(),
+        }
+    }
+
     fn ask_to_end(&self) {
         match self {
             Self::Own(child, _) => os::ask_to_end(child.id()),
@@ -88,8 +96,16 @@ impl Supervisor<'_> {
         }
         loop {
             let begun = clock::now();
+            // Before the agent starts, because its reports need the socket.
+            let dog = Watchdog::listen(&self.node.notify_path(), begun);
+            if let Err(error) = &dog {
+                self.note(&format!(
+                    "an agent that hangs is not noticed: {}: {error}",
+                    self.node.notify_path().display()
+                ));
+            }
             let ended = match found.take().map_or_else(|| self.start(), Ok) {
-                Ok(agent) => self.watch(agent),
+                Ok(agent) => self.watch(agent, dog.ok()),
                 Err(error) => {
                     self.note(&format!("the agent cannot be started: {error}"));
                     None
@@ -111,6 +127,8 @@ impl Supervisor<'_> {
         let (output, input) = io::pipe()?;
         let mut command = Command::new(self.node.active().join(PROGRAM));
         command.args(["node", "--fly"]).arg(self.node.id.to_string()).stdin(Stdio::null());
+        // What systemd does for its services.
+        command.env("NOTIFY_SOCKET", self.node.notify_path());
         let child = command.stdout(input.try_clone()?).stderr(input).spawn()?;
         // The command holds the other end of the pipe.
         drop(command);
@@ -122,8 +140,8 @@ impl Supervisor<'_> {
         Ok(Agent::Own(child, is_done))
     }
 
-    /// Waits until the agent has ended, and passes on requests to end.
-    fn watch(&mut self, mut agent: Agent) -> Option<ExitStatus> {
+    /// Waits until the agent has ended, passes on requests to end, and kills an agent that hangs.
+    fn watch(&mut self, mut agent: Agent, mut dog: Option<Watchdog<Notifications>>) -> Option<ExitStatus> {
         let mark = self.node.ended_path();
         let status = loop {
             let asked = self.interrupts.count();
@@ -133,6 +151,11 @@ impl Supervisor<'_> {
             self.passed_on = asked;
             if let Some(status) = agent.ended(&mark) {
                 break status;
+            }
+            if let Some(silent) = dog.as_mut().and_then(|dog| dog.silent_for(clock::now())) {
+                self.note(&format!("the agent hangs: silent for {:.0} s; it is killed", silent.as_secs_f64()));
+                agent.kill();
+                dog = None;
             }
             clock::sleep(POLL_PERIOD);
         };

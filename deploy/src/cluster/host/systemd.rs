@@ -14,6 +14,8 @@ use skein_common::id::SwarmName;
 
 /// Template of a unit.
 const TEMPLATE: &str = include_str!("../../../service/skein-agent.service");
+/// What only the system's instance can add to it.
+const SANDBOX: &str = include_str!("../../../service/sandbox.conf");
 /// This folder exists while systemd is the host's first process.
 const BOOTED: &str = "/run/systemd/system";
 /// Marker file among the user's units: Skein has enabled the user's services to outlive the last login.
@@ -61,7 +63,7 @@ impl Systemd {
 
     /// Writes the unit of this node. Returns whether anything was written.
     pub(super) fn install_service(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<bool, String> {
-        let (path, text) = (self.units.join(unit(swarm, node)), text(swarm, node)?);
+        let (path, text) = (self.units.join(unit(swarm, node)), self.text(swarm, node)?);
         if fs::read_to_string(&path).is_ok_and(|there| there == text) {
             return Ok(false);
         }
@@ -75,6 +77,7 @@ impl Systemd {
     pub(super) fn remove_service(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
         let path = self.units.join(unit(swarm, node));
         if path.exists() {
+            self.call("systemctl", &["disable", &unit(swarm, node)])?;
             files::remove(&path).map_err(at(&path))?;
             self.call("systemctl", &["daemon-reload"])?;
         }
@@ -87,18 +90,21 @@ impl Systemd {
         Ok(())
     }
 
-    /// Starts the node's unit, without waiting for it.
+    /// Starts the node's unit, now and with each start of the host, without waiting for it.
     pub(super) fn start(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
         let unit = unit(swarm, node);
         // Forget earlier failures. This fails for a unit that has never run.
         let _ = self.call("systemctl", &["reset-failed", &unit]);
+        self.call("systemctl", &["enable", &unit])?;
         self.call("systemctl", &["start", "--no-block", &unit]).map(drop)
     }
 
-    /// Stops the node's unit, without waiting for it. A unit that was removed is ignored.
+    /// Stops the node's unit, also for the next start of the host, without waiting for it. A unit that was removed is
+    /// ignored.
     pub(super) fn stop(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<(), String> {
         let unit = unit(swarm, node);
-        let stopped = self.call("systemctl", &["stop", "--no-block", &unit]);
+        let disabled = self.call("systemctl", &["disable", &unit]);
+        let stopped = self.call("systemctl", &["stop", "--no-block", &unit]).and(disabled);
         if self.units.join(&unit).exists() { stopped.map(drop) } else { Ok(()) }
     }
 
@@ -112,6 +118,16 @@ impl Systemd {
             command.arg("--follow");
         }
         format!("journalctl: {}", os::become_program(&mut command))
+    }
+
+    /// Text of a node's unit.
+    fn text(&self, swarm: &SwarmName, node: &NodeFolder) -> Result<String, String> {
+        let folder = node.path.to_str().filter(|path| !path.contains(['"', '\\', '$', '\n']));
+        let folder = folder.ok_or_else(|| format!("{}: a systemd unit cannot name this path", node.path.display()))?;
+        let sandbox = if self.is_users { "" } else { SANDBOX };
+        let text = TEMPLATE.replace("@SANDBOX@\n", sandbox).replace("@NODE@", &folder.replace('%', "%%"));
+        let text = text.replace("@UNIT@", &unit_stem(swarm, node));
+        Ok(text.replace("@SWARM@", swarm.as_str()).replace("@ID@", &node.id.to_string()))
     }
 
     /// Runs one of systemd's programs for this instance; returns its output.
@@ -173,15 +189,6 @@ fn unit(swarm: &SwarmName, node: &NodeFolder) -> String {
 /// not vehicle 7 of a swarm `lab-3`.
 fn unit_stem(swarm: &SwarmName, node: &NodeFolder) -> String {
     format!("skein-{swarm}-{}", node.id.to_string().replace('/', "."))
-}
-
-/// Text of a node's unit.
-fn text(swarm: &SwarmName, node: &NodeFolder) -> Result<String, String> {
-    let folder = node.path.to_str().filter(|path| !path.contains(['"', '\\', '$', '\n']));
-    let folder = folder.ok_or_else(|| format!("{}: a systemd unit cannot name this path", node.path.display()))?;
-    let text = TEMPLATE.replace("@NODE@", &folder.replace('%', "%%"));
-    let text = text.replace("@UNIT@", &unit_stem(swarm, node));
-    Ok(text.replace("@SWARM@", swarm.as_str()).replace("@ID@", &node.id.to_string()))
 }
 
 #[cfg(test)]

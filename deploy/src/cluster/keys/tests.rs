@@ -2,8 +2,11 @@ use std::fs;
 use std::path::Path;
 
 use super::*;
+use crate::inventory::SecurityKind;
 use crate::inventory::tests::{TEAMS, fleet, lab};
 use crate::keys::certificate::Pair;
+use crate::keys::check_for_flight;
+use crate::keys::folder::Names;
 use crate::reach::Reach;
 use skein_agent::link::Security;
 use skein_common::id::{VehicleId, VehicleName};
@@ -45,13 +48,15 @@ fn a_second_run_changes_nothing() {
     let inventory = lab(temporary.path(), 3, "");
     let now = clock::utc();
     let lines = make(&inventory, None, None, now).unwrap();
-    assert_eq!(done(&lines).len(), 7, "authority, three nodes, observers, operator, key of orders");
+    assert_eq!(done(&lines).len(), 10, "authority, three vehicles, four observers, operator, key of orders");
     assert_eq!((lines[3].name.as_str(), lines[3].address.as_deref()), ("vehicle-3", Some("10.0.0.13")));
     let before = files(&inventory.keys);
     let names: Vec<_> = before.iter().map(|(name, _)| name.as_str()).collect();
     let of = |stem: &str| [format!("{stem}.key"), format!("{stem}.pem")];
-    let mut expected: Vec<_> =
-        ["authority", "observer", "operator", "vehicle-1", "vehicle-2", "vehicle-3"].into_iter().flat_map(of).collect();
+    let mut expected: Vec<_> = ["authority", "observer", "operator"].into_iter().flat_map(of).collect();
+    expected.extend(
+        ["observer-1", "observer-2", "observer-3", "vehicle-1", "vehicle-2", "vehicle-3"].into_iter().flat_map(of),
+    );
     expected.extend(["names.toml", "orders.key", "orders.pub"].map(str::to_owned));
     expected.sort();
     assert_eq!(names, expected);
@@ -107,11 +112,11 @@ fn only_missing_moved_or_expiring_certificates_are_issued_again() {
     // Certificates are valid for a year, the authority for ten.
     assert_eq!(done(&make(&moved, None, None, now + Duration::days(334)).unwrap()), []);
     let late = make(&moved, None, None, now + Duration::days(336)).unwrap();
-    assert_eq!(done(&late).len(), 5);
+    assert_eq!(done(&late).len(), 8);
     assert!(done(&late).iter().all(|(_, why)| *why == "issued again: expires soon"), "{late:?}");
     let authority = fs::read_to_string(inventory.keys.join(AUTHORITY_KEY)).unwrap();
     let late = make(&moved, None, None, now + Duration::days(3640)).unwrap();
-    assert_eq!(done(&late).len(), 6);
+    assert_eq!(done(&late).len(), 9);
     assert_eq!(fs::read_to_string(inventory.keys.join(AUTHORITY_KEY)).unwrap(), authority, "the key stays the same");
 }
 
@@ -133,7 +138,7 @@ fn a_certificate_has_a_name_an_address_and_a_validity() {
     let certificate = pem.parse_x509().unwrap();
     let usage = certificate.extended_key_usage().unwrap().unwrap().value;
     assert!(usage.client_auth && usage.server_auth && !certificate.is_ca());
-    assert_eq!(certificate.validity().not_before.to_datetime(), now - Duration::hours(1), "for clocks that are behind");
+    assert_eq!(certificate.validity().not_before.to_datetime(), now - Duration::days(7), "for clocks that are behind");
     assert_eq!(certificate.validity().not_after.to_datetime(), now + Duration::days(365));
     // Another swarm's authority has signed nothing in this folder.
     let elsewhere = tempfile::tempdir().unwrap();
@@ -145,6 +150,25 @@ fn a_certificate_has_a_name_an_address_and_a_validity() {
 }
 
 #[test]
+fn no_flight_begins_with_a_certificate_that_expires_within_a_day() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 2, "");
+    let now = clock::utc();
+    make(&inventory, None, None, now).unwrap();
+    assert!(check_for_flight(&inventory, now + Duration::days(363)).is_ok());
+    let why = check_for_flight(&inventory, now + Duration::days(364) + Duration::minutes(1)).unwrap_err().to_string();
+    let all = "vehicle-1.pem, vehicle-2.pem, observer.pem, observer-1.pem, observer-2.pem, operator.pem";
+    assert!(why.starts_with(&format!("{all} expires within 24 h")), "{why}");
+    assert!(why.contains("`skein cluster keys -f ") && why.contains("`skein cluster install -f "), "{why}");
+    // Only the certificates of node 2 are issued again.
+    make(&inventory, Some(Whose::One(vehicle(2))), None, now + Duration::days(300)).unwrap();
+    let why = check_for_flight(&inventory, now + Duration::days(365)).unwrap_err().to_string();
+    assert!(why.starts_with("vehicle-1.pem, observer.pem, observer-1.pem, operator.pem expires"), "{why}");
+    let plain = Inventory { security: SecurityKind::None, ..inventory };
+    assert!(check_for_flight(&plain, now + Duration::days(400)).is_ok(), "plain links need no certificate");
+}
+
+#[test]
 fn renewing_keeps_the_name_and_revoking_changes_it() {
     let temporary = tempfile::tempdir().unwrap();
     let inventory = lab(temporary.path(), 3, "");
@@ -152,13 +176,17 @@ fn renewing_keeps_the_name_and_revoking_changes_it() {
     make(&inventory, None, None, now).unwrap();
     let public_key = fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap();
     let lines = make(&inventory, Some(Whose::One(vehicle(1))), None, now).unwrap();
-    assert_eq!(done(&lines), [("node 1", "issued again")]);
-    assert_eq!(lines[1].name, "vehicle-1");
-    assert_eq!(done(&make(&inventory, Some(Whose::All), None, now).unwrap()).len(), 5);
-    for name in ["vehicle-3.2", "vehicle-3.3"] {
+    assert_eq!(done(&lines), [("node 1", "issued again"), ("observer at node 1", "issued again")]);
+    assert_eq!((lines[1].name.as_str(), lines[5].name.as_str()), ("vehicle-1", "observer-1"));
+    assert_eq!(done(&make(&inventory, Some(Whose::All), None, now).unwrap()).len(), 8);
+    for number in [2, 3] {
+        let before = fs::read(inventory.keys.join("observer-3.key")).unwrap();
         let lines = make(&inventory, None, Some(Whose::One(vehicle(3))), now).unwrap();
-        assert_eq!(done(&lines), [("node 3", "issued again: revoked")]);
-        assert_eq!(lines[3].name, name);
+        let both = ["node 3", "observer at node 3"].map(|who| (who, "issued again: revoked"));
+        assert_eq!(done(&lines), both);
+        let names = (lines[3].name.as_str(), lines[7].name.as_str());
+        assert_eq!(names, (&*format!("vehicle-3.{number}"), &*format!("observer-3.{number}")));
+        assert_ne!(fs::read(inventory.keys.join("observer-3.key")).unwrap(), before);
     }
     assert_eq!(fs::read_to_string(inventory.keys.join(ORDERS_PUBLIC)).unwrap(), public_key);
     let lines = make(&inventory, None, Some(Whose::One(Role::Operator)), now).unwrap();
@@ -192,12 +220,12 @@ fn a_revoked_name_stays_revoked_when_the_names_file_is_lost() {
     let inventory = lab(temporary.path(), 3, "");
     let now = clock::utc();
     make(&inventory, None, None, now).unwrap();
-    for role in [vehicle(2), vehicle(3), Role::Observer] {
+    for role in [vehicle(2), vehicle(3), Role::Observer, Role::NodeObserver(id(1))] {
         make(&inventory, None, Some(Whose::One(role)), now).unwrap();
     }
     let folder = Folder(inventory.keys.clone());
     let names = folder.need_names().unwrap();
-    assert_eq!(names.observer, "observer.2");
+    assert_eq!(names.all_observers(), ["observer.2", "observer-1.2", "observer-2.2", "observer-3.2"]);
     let lose = || fs::remove_file(folder.path(NAMES)).unwrap();
     lose();
     assert_eq!(done(&make(&inventory, None, None, now).unwrap()), []);
@@ -209,6 +237,87 @@ fn a_revoked_name_stays_revoked_when_the_names_file_is_lost() {
     let anew = folder.need_names().unwrap();
     let name = |number| anew.vehicles[&id(number)].name.as_str();
     assert_eq!((name(2), name(3)), ("vehicle-2.2", "vehicle-3.2"));
+}
+
+/// Makes the folder one of an earlier version, in which every node had the operator's observer's key.
+fn share_the_observer(folder: &Folder) {
+    let names = Names { observers: Default::default(), ..folder.need_names().unwrap() };
+    let text = names.to_toml().replace("\n[observers]\n", "");
+    assert!(!text.contains("observers"), "{text}");
+    folder.write(NAMES, &text).unwrap();
+    for (name, _) in files(&folder.0).iter().filter(|(name, _)| name.starts_with("observer-")) {
+        fs::remove_file(folder.path(name)).unwrap();
+    }
+}
+
+#[test]
+fn nodes_that_share_an_observers_key_get_one_each() {
+    let temporary = tempfile::tempdir().unwrap();
+    let inventory = lab(temporary.path(), 2, "");
+    let now = clock::utc();
+    let folder = Folder(inventory.keys.clone());
+    make(&inventory, None, None, now).unwrap();
+    for loses_names in [false, true] {
+        share_the_observer(&folder);
+        let before = pair(&folder, Role::Observer).key;
+        let why = check_for_flight(&inventory, now).unwrap_err().to_string();
+        let expected = "names.toml: the observer at node 1, 2 has no key of its own, which a revocation of the node would \
+                        revoke: `skein cluster keys -f ";
+        assert!(why.contains(expected) && why.contains("`skein cluster install -f "), "{why}");
+        if loses_names {
+            fs::remove_file(folder.path(NAMES)).unwrap();
+        }
+        assert_eq!(
+            done(&make(&inventory, None, None, now).unwrap()),
+            [
+                ("observer", "issued again: every node had its key"),
+                ("observer at node 1", "made"),
+                ("observer at node 2", "made")
+            ]
+        );
+        assert_ne!(pair(&folder, Role::Observer).key, before, "the key that lies on the nodes is worthless");
+        assert!(check_for_flight(&inventory, now).is_ok());
+        assert_eq!(done(&make(&inventory, None, None, now).unwrap()), []);
+    }
+    assert_eq!(folder.need_names().unwrap().all_observers(), ["observer.3", "observer-1", "observer-2"]);
+}
+
+/// Copies the files of a specimen, which are private only to their owner after that.
+fn copy_specimen(from: &Path, to: &Path) -> Inventory {
+    os::private_folder(&to.join("keys")).unwrap();
+    for name in ["cluster.toml", "scenario.toml"] {
+        fs::copy(from.join(name), to.join(name)).unwrap();
+    }
+    let folder = Folder(to.join("keys"));
+    for (name, content) in files(&from.join("keys")) {
+        folder.write(&name, &String::from_utf8(content).unwrap()).unwrap();
+    }
+    Inventory::read(&to.join("cluster.toml")).unwrap()
+}
+
+#[test]
+fn keys_that_earlier_releases_made_stay_valid() {
+    let specimens = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/specimens");
+    let with_keys =
+        |entry: std::io::Result<fs::DirEntry>| Some(entry.unwrap().path()).filter(|path| path.join("keys").exists());
+    let folders: Vec<_> = fs::read_dir(specimens).unwrap().filter_map(with_keys).collect();
+    assert!(folders.len() >= 2, "{folders:?}");
+    for specimen in folders {
+        let temporary = tempfile::tempdir().unwrap();
+        let inventory = copy_specimen(&specimen, temporary.path());
+        let before = files(&inventory.keys);
+        let authority = fs::read_to_string(inventory.keys.join(AUTHORITY)).unwrap();
+        let issued = expires(&authority).unwrap() - Duration::days(3650);
+        let lines = make(&inventory, None, None, issued + Duration::days(1)).unwrap();
+        let replaced = done(&lines);
+        let is_of_before = specimen.ends_with("messages-6");
+        assert_eq!(replaced.len(), if is_of_before { 3 } else { 0 }, "{}: {replaced:?}", specimen.display());
+        for (name, content) in before {
+            let is_kept = fs::read(inventory.keys.join(&name)).unwrap() == content;
+            let is_observers = is_of_before && (name.starts_with("observer.") || name == NAMES);
+            assert_eq!(is_kept, !is_observers, "{}: {name}", specimen.display());
+        }
+    }
 }
 
 #[test]
@@ -303,6 +412,8 @@ fn the_certificates_of_a_fleet_are_for_one_vehicle_of_one_team() {
         [name("1/1"), name("2/1"), name("2/2"), name("3/1")],
         ["vehicle-1-1", "vehicle-2-1.2", "vehicle-2-2", "vehicle-3-1"]
     );
+    let observers = names.all_observers().join(" ");
+    assert!(observers.starts_with("observer observer-1-1 observer-1-2 observer-2-1.2 observer-2-2 "), "{observers}");
     // A lost list of names is made again from the certificates.
     fs::remove_file(folder.path("names.toml")).unwrap();
     assert_eq!(done(&make(&inventory, None, None, now).unwrap()), []);

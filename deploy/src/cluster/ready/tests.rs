@@ -1,7 +1,7 @@
 use skein_common::message::{Header, Heartbeat};
 use skein_common::time::SenderStamp;
 
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleSet};
 
 use super::*;
 
@@ -20,7 +20,9 @@ fn view(membership: Membership, run: u64, life: u64) -> VehicleView {
         reached: None,
         progress_m: 0.0,
         order: None,
+        orders: 0,
         echo: None,
+        lost: VehicleSet::default(),
     };
     VehicleView { alive: true, mission: Some(mission), run: Some(run), ..VehicleView::default() }
 }

@@ -27,8 +27,8 @@ const OF_TEAMS: &str = "a row for each team, with its nodes in contact of all, a
 /// Columns with text; the others hold numbers.
 const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
 
-/// All of it; `file` is the cluster's as the user has named it.
-pub(super) fn of(status: &SwarmStatus, file: &str) -> String {
+/// All of it; `remedy` is the last line if a node is not in contact.
+pub(super) fn of(status: &SwarmStatus, remedy: &str) -> String {
     let mut table = Table::new();
     // On a narrower terminal, cells are wrapped at spaces.
     table.load_style(presets::NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
@@ -53,8 +53,7 @@ pub(super) fn of(status: &SwarmStatus, file: &str) -> String {
     of_teams.iter().chain(&LEGEND).for_each(|line| text += &format!("{line}\n"));
     status.nodes.iter().for_each(|node| text += &notes(node));
     if status.nodes.iter().any(|node| node.report.is_none()) {
-        text +=
-            &format!("`skein check -f {file}` looks why not, `skein cluster logs -f {file}` shows what was written\n");
+        text += &format!("{remedy}\n");
     }
     text
 }
@@ -93,6 +92,7 @@ fn worst(one: HealthReport, other: HealthReport) -> HealthReport {
         clock_bound_ms,
         clock_is_off: one.clock_is_off || other.clock_is_off,
         faults: [one.faults, other.faults].concat(),
+        wanted: Vec::new(),
         links: one.links.max(other.links),
         sent_per_s: one.sent_per_s.max(other.sent_per_s),
         received_per_s: one.received_per_s.max(other.received_per_s),
@@ -154,7 +154,8 @@ fn notes(node: &NodeStatus) -> String {
             node.why.as_ref().map(|why| format!(": it {why}; `skein cluster down`, then `up`")).unwrap_or_default();
         return format!("node {id} ({host}{}) is not in contact{why}\n", node.endpoint);
     };
-    let mut text: String = report.faults.iter().map(|fault| format!("node {id}: {fault}\n")).collect();
+    let stated = report.faults.iter().chain(&report.wanted);
+    let mut text: String = stated.map(|fault| format!("node {id}: {fault}\n")).collect();
     if report.clock_is_off {
         text += &format!(
             "node {id}: its clock is {:+.0} ms off; nothing in flight relies on it, but logs and recordings are read by it: \

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{ClockOffset, Drops, Failure, Header, Heartbeat, PeerHealth, Reason, Refused, Traffic};
 use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
@@ -31,6 +31,7 @@ fn health(number: u8, ahead_s: f64) -> Health {
         plant: "builtin".to_owned(),
         version: "0.1.0-1f2e3d4c5b6a".to_owned(),
         failures: Vec::new(),
+        simulator_faults: Vec::new(),
         frame_rate_hz: 49.96,
         jitter_ms: 1.26,
         step_p50_us: 100.0,
@@ -65,7 +66,8 @@ fn status_of(
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
     let mut observer = Observer::open(&reach, TraceSubscription::Off).unwrap();
     observer.inject(received);
-    SwarmStatus::of(&inventory, &observer.into(), now)
+    let place = Place::Cluster(Box::new(inventory));
+    SwarmStatus::of(place.swarm(), &listed(&place), &observer.into(), now)
 }
 
 /// The vehicle's heartbeat in this incarnation.
@@ -80,7 +82,9 @@ fn mission(number: u8, life: u64) -> Heartbeat {
         reached: None,
         progress_m: 0.0,
         order: None,
+        orders: 0,
         echo: None,
+        lost: VehicleSet::default(),
     }
 }
 
@@ -106,6 +110,17 @@ fn a_text_from_the_network_is_made_safe_for_the_terminal() {
     assert!(text.contains("\\u001b]0;t\\u0007"), "{text}");
     let shown = text + &serde_json::to_string(&status).unwrap();
     assert!(!shown.contains(|c: char| c.is_control() && c != '\n' || c == '\u{202e}'), "{shown:?}");
+}
+
+#[test]
+fn wanted_random_failures_are_stated_and_no_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    for (fault, is_good) in [(SimulatorFault::RandomFailures, false), (SimulatorFault::WantedRandomFailures, true)] {
+        let reports = [1, 2, 3, 4].map(|id| Health { simulator_faults: vec![fault], ..health(id, 0.0) });
+        let status = status(folder.path(), reports.into(), Duration::ZERO);
+        assert_eq!((status.is_good(), verdict(&status).is_ok()), (is_good, is_good), "{fault}");
+        assert!(table::of(&status, "lab.toml").contains(&format!("node 3: {fault}\n")), "{fault}");
+    }
 }
 
 #[test]
@@ -194,13 +209,10 @@ fn silent_and_faulty_nodes_are_listed() {
     assert!(!status.is_good());
     let error = verdict(&status).unwrap_err();
     assert_eq!((error.to_string().as_str(), error.exit_code()), ("not in contact: node 3; faulty: node 2", 1));
-    let text = table::of(&status, "lab.toml");
+    let text = table::of(&status, &remedy(&Place::Cluster(Box::new(lab(folder.path(), 4, "")))));
     assert!(text.contains("node 2: yaw gyro failed, lands\n"), "{text}");
     assert!(text.contains("node 2 refused 3 times: forged, under vehicle/1/state\n"), "{text}");
-    assert!(
-        text.contains("node 3 (10.0.0.13, tls/10.0.0.13:7449) is not in contact\n`skein check -f lab.toml` looks"),
-        "{text}"
-    );
+    assert!(text.contains("node 3 (10.0.0.13, tls/10.0.0.13:7449) is not in contact\n`skein check -f "), "{text}");
     assert_eq!(status.nodes[1].report.as_ref().unwrap().peers_seen, 2);
     let json = serde_json::to_value(&status).unwrap();
     assert_eq!(

@@ -3,15 +3,14 @@
 use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Heartbeat, Order, Verb};
+use skein_common::message::Order;
 
 use super::Flight;
+use crate::display::status::Stage;
 use crate::fly::children::ProcessRole;
 use crate::fly::script::ScriptedAction;
-use crate::fly::status::Stage;
 use crate::order;
-use skein_lab::faults::FROZEN;
-use skein_lab::faults::InjectedFault;
+use skein_lab::faults::{FROZEN, InjectedFault, OperatorOrder};
 
 /// Between two sayings of an order.
 const AGAIN: Duration = Duration::from_millis(200);
@@ -60,8 +59,8 @@ impl Flight {
                 self.children.freeze(ProcessRole::Standin, *id, true).err()
             }
             ScriptedAction::Thaw(id) => self.children.freeze(ProcessRole::Standin, *id, false).err(),
-            ScriptedAction::Order(verb) => {
-                self.order(now, *verb);
+            ScriptedAction::Order(order) => {
+                self.order(now, *order);
                 None
             }
             ScriptedAction::Report(_, failed) => {
@@ -84,23 +83,31 @@ impl Flight {
     }
 
     /// Gives an order, with a number larger than all that were received or given from here.
-    pub(super) fn order(&mut self, now: Instant, verb: Verb) {
+    pub(super) fn order(&mut self, now: Instant, OperatorOrder { verb, vehicles }: OperatorOrder) {
         let order = order::new_order(&self.observer, verb);
-        let epoch = self.order.map_or(0, |before| before.order.epoch.saturating_add(1)).max(order.epoch);
-        self.order = Some(UnderWay { order: Order { epoch, ..order }, again: now });
+        let before = self.given.iter().map(|before| before.epoch.saturating_add(1)).max();
+        let order = Order { epoch: before.unwrap_or(0).max(order.epoch), vehicles, ..order };
+        self.given.merge(order);
+        self.orders.push(UnderWay { order, again: now });
+        let given = &self.given;
+        self.orders.retain(|under_way| given.iter().any(|known| known == under_way.order));
     }
 
-    /// Repeats the newest order until every vehicle has taken it.
-    pub(super) fn repeat_order(&mut self, now: Instant) {
-        let Some(UnderWay { order, again }) = self.order.filter(|order| now >= order.again) else { return };
-        self.order = Some(UnderWay { order, again: again.max(now) + AGAIN });
-        let has_taken = |mission: Heartbeat| mission.order >= Some(order);
-        if self.live().all(|(_, seen)| seen.and_then(|seen| seen.mission).is_some_and(has_taken)) {
-            return;
+    /// Repeats each order that no newer one has replaced until every vehicle has taken it.
+    pub(super) fn repeat_orders(&mut self, now: Instant) {
+        let mut due = Vec::new();
+        for UnderWay { order, again } in self.orders.iter_mut().filter(|under_way| now >= under_way.again) {
+            *again = now.max(*again) + AGAIN;
+            due.push(*order);
         }
-        if self.observer.order(&order).is_err() && self.stage == Stage::Landing {
-            // The other way to say it: each agent lands before it ends.
-            self.children.ask_agents_to_end();
+        for order in due {
+            if self.live().all(|(_, seen)| seen.is_some_and(|seen| seen.orders.contain(&order))) {
+                continue;
+            }
+            if self.observer.order(&order).is_err() && self.stage == Stage::Landing {
+                // The other way to end the flight: each agent lands before it ends.
+                self.children.ask_agents_to_end();
+            }
         }
     }
 }

@@ -10,8 +10,8 @@ use skein_core::peers::FRESH_S;
 use skein_core::plant::{Controls, GroundTruth};
 
 use super::{Flight, fresh};
+use crate::display::status::Stage;
 use crate::fly::plan::Plan;
-use crate::fly::status::Stage;
 use crate::observe::VehicleView;
 use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::{Report, Totals, VehicleNow, VehicleTraffic, Wall};

@@ -5,13 +5,12 @@ use std::time::Instant;
 use skein_common::id::VehicleSet;
 use skein_common::message::{Event, EventKind};
 use skein_common::printable::printable;
-use skein_common::scenario::{Pattern, Scenario, Vertical};
 use skein_core::mission::landing;
 
 use super::{Flight, fresh};
+use crate::display::journal::{self, Alike, When};
+use crate::display::status::Stage;
 use crate::fly::children::{Ended, ProcessRole};
-use crate::fly::journal::{self, Alike, When};
-use crate::fly::status::Stage;
 use crate::fly::stream::{Happened, Line};
 use crate::os;
 
@@ -31,6 +30,11 @@ impl Flight {
         let what = printable(&what, MAX_EVENT);
         self.stream(now, Line::Note { text: what.clone() });
         self.journal.add(self.when(now), what);
+    }
+
+    /// Shows a line that is about no vehicle.
+    pub fn tell(&mut self, now: Instant, what: String) {
+        self.show(now, what);
     }
 
     /// Shows what happened to a vehicle; an event that several vehicles share is one line.
@@ -107,12 +111,4 @@ impl Flight {
     fn when(&self, now: Instant) -> When {
         When { now, window_s: self.zero.as_ref().map(|_| self.since_zero_s(now)) }
     }
-}
-
-/// Whether the vehicles are to have even gaps around the formation's centre at this step.
-pub(super) fn has_gaps(scenario: &Scenario, step: Option<u32>) -> bool {
-    let Some(step) = scenario.mission.steps.get(step.unwrap_or(0) as usize) else { return false };
-    let flown = &step.formation;
-    let is_radial = !flown.law.has_slots() || flown.slots.pattern == Pattern::Circle;
-    is_radial && !flown.law.is_flock() && flown.vertical == Vertical::Bands
 }

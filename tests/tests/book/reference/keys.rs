@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::process::Command;
 
-use skein_common::scenario::{KEYS, Key, Literal};
+use skein_common::scenario::{KEYS, Key, Literal, TunableKey};
 
 use super::{head, row};
 use crate::PROGRAM;
@@ -13,7 +13,8 @@ pub(super) fn page() -> String {
     let mut body = format!(
         "The program explains the same keys:\n\n```console\n$ skein explain band_step\n{}```\n\nThe path of a key is its table and \
          its name: `radius_m` of `[formation]` is `formation.radius_m` for `--set`. `N` is a vehicle's id, `[N]` an index of \
-         a list, counted from 0. In the column of units `1` is a pure number. Some defaults depend on another key: see [Presets](#presets).\n\n",
+         a list, counted from 0. In the column of units `1` is a pure number. \
+         A key with the mark † can [change in flight](../missions.md#tuning-in-flight). Some defaults depend on another key: see [Presets](#presets).\n\n",
         explained("band_step")
     );
     let mut seen = BTreeSet::new();
@@ -47,7 +48,8 @@ fn section(of: &str) -> String {
 fn key_row(key: &Key) -> String {
     let (kind, range) = (key.kind.to_string(), key.kind.range().unwrap_or_default());
     let unit = key.unit().unwrap_or_default();
-    row(&[&format!("`{}`", key.name()), &kind, &range, &shown(key.default), unit, key.about])
+    let mark = if TunableKey::find(key.path).is_some() { " †" } else { "" };
+    row(&[&format!("`{}`{mark}", key.name()), &kind, &range, &shown(key.default), unit, key.about])
 }
 
 /// A default as a file spells it, or a description of it.

@@ -2,26 +2,32 @@
 
 use std::collections::BTreeMap;
 
-use skein_common::message::{ClockAnswer, Event, Health, Heartbeat, Intent, Message, Order, State, Trace, VERSION};
+use skein_common::message::{
+    ClockAnswer, Event, Health, Heartbeat, Intent, Message, Order, State, Summary, Trace, VERSION,
+};
+use skein_common::scenario::{KEYS, TunableKey};
 use skein_common::topic::{TOPIC_DESCRIPTIONS, TopicDescription};
 
 use super::source::{Field, Item, items};
 use super::{head, row};
 
 /// Where the messages and their parts are defined.
-const SOURCES: [&str; 8] = [
+const SOURCES: [&str; 11] = [
     include_str!("../../../../common/src/message.rs"),
     include_str!("../../../../common/src/message/health.rs"),
     include_str!("../../../../common/src/message/trace.rs"),
+    include_str!("../../../../common/src/message/summary.rs"),
     include_str!("../../../../common/src/message/intent.rs"),
     include_str!("../../../../common/src/message/order.rs"),
+    include_str!("../../../../common/src/message/simulator.rs"),
     include_str!("../../../../common/src/message/clock.rs"),
+    include_str!("../../../../common/src/scenario/model/setting.rs"),
     include_str!("../../../../common/src/state.rs"),
     include_str!("../../../../common/src/frame.rs"),
 ];
 
 /// Types whose definition is not a struct with named fields, as they are encoded.
-const PLAIN: [(&str, &str); 14] = [
+const PLAIN: [(&str, &str); 16] = [
     ("VehicleId", "vehicle id (`u8`, 1 to 250)"),
     (
         "VehicleSet",
@@ -34,28 +40,31 @@ const PLAIN: [(&str, &str); 14] = [
     ("VelocityNed", "3 × `f64`: north, east, down, m/s"),
     ("Signature", "64 bytes"),
     ("String", "text"),
+    ("ShortText", "text of at most 96 printable ASCII characters; of a longer one the end, after `...`"),
     ("f64", "`f64`"),
     ("f32", "`f32`"),
     ("u64", "`u64`"),
     ("u32", "`u32`"),
+    ("u16", "`u16`"),
     ("u8", "`u8`"),
 ];
 
 /// The largest size of each message, bytes.
-const SIZES: [(&str, usize); 8] = [
+const SIZES: [(&str, usize); 9] = [
     ("State", State::MAX_BYTES),
     ("Intent", Intent::MAX_BYTES),
     ("Heartbeat", Heartbeat::MAX_BYTES),
     ("Health", Health::MAX_BYTES),
     ("Event", Event::MAX_BYTES),
     ("Trace", Trace::MAX_BYTES),
+    ("Summary", Summary::MAX_BYTES),
     ("ClockAnswer", ClockAnswer::MAX_BYTES),
     ("Order", Order::MAX_BYTES),
 ];
 
 /// The page.
 pub(super) fn page() -> String {
-    let found: Vec<Item> = SOURCES.iter().flat_map(|source| items(source)).collect();
+    let found: Vec<Item> = SOURCES.iter().flat_map(|source| items(source)).chain([tunable_keys()]).collect();
     let items: BTreeMap<&str, &Item> = found.iter().map(|item| (&*item.name, item)).collect();
     let (mut parts, mut sections) = (Vec::new(), String::new());
     for description in &TOPIC_DESCRIPTIONS {
@@ -78,6 +87,16 @@ pub(super) fn page() -> String {
     super::page("Messages", purpose, "`common/src/topic/described.rs` and the docstrings of the messages", &body)
 }
 
+/// The keys that can change in flight: a macro defines them.
+fn tunable_keys() -> Item {
+    let field = |key: &TunableKey| {
+        let about = KEYS.iter().find(|known| known.path == key.path()).map_or("", |known| known.about);
+        Field { name: key.path().to_owned(), kind: String::new(), about: about.to_owned() }
+    };
+    let fields = TunableKey::ALL.iter().map(field).collect();
+    Item { name: "TunableKey".to_owned(), about: "A key that can change in flight.".to_owned(), is_enum: true, fields }
+}
+
 /// The table of keys.
 fn topics() -> String {
     let row_of = |description: &TopicDescription| {
@@ -92,7 +111,7 @@ fn topics() -> String {
          operator's process, and `X` and `Y` count squares of 1 km north and east from the origin. In a \
          fleet all keys of a team lie below `team/` and its number, and the squares count from the fleet's origin: an agent \
          receives the states and intents in a square with the one key expression `lab/team/*/vehicle/*/cell/X/Y/*`. *Observers* are `skein fly`, \
-         `skein record`, `skein order` and `skein cluster`.\n\n{}{rows}",
+         `skein record`, `skein view`, `skein order` and `skein cluster`.\n\n{}{rows}",
         head(&["key", "message", "sender", "receivers"])
     )
 }
@@ -106,6 +125,8 @@ fn encoding() -> String {
          bit set in all but the last |\n| `f64` | 8 bytes, little-endian |\n| text | its length in bytes as a varint, then UTF-8 |\n\
          | list of | the number of its items as a varint, then the items |\n| optional | 0, or 1 and the value |\n\
          | enum | the number of the variant, from 0, as a varint, then what the variant holds |\n\n\
+         [`Summary`](#summary) alone is JSON: an object with the fields of its table and `version`. An optional value is null or the value, a \
+         vector an array, and an enum the name of its variant. [Programs](../programs.md#a-swarm-in-ten-lines) reads it with ten lines of Python.\n\n\
          Receivers drop and count a message of another version, one that is longer than its largest size, one with bytes left over, \
          and one with a number that is not finite or out of its range.\n\n\
          Where a swarm is secured, 72 bytes follow each message but orders: the run of the swarm (8 bytes, little-endian) and an Ed25519 signature \

@@ -1,5 +1,6 @@
 use proptest::prelude::*;
 use skein_common::frame::{Geodetic, Origin, VelocityNed};
+use skein_common::scenario::{ScriptedOrder, ScriptedVerb};
 
 use super::*;
 use crate::helicopter::tests::xcell60;
@@ -174,6 +175,7 @@ proptest! {
 fn a_script_holds_the_plants_faults_of_one_vehicle() {
     let fault = |at_s, for_s, fault| ScriptedEvent { at_s, for_s, what: EventAction::Fault(fault) };
     let (one, two) = (id(1), id(2));
+    let hold = ScriptedOrder { verb: ScriptedVerb::Hold, vehicles: None };
     let events = [
         fault(10.0, Some(5.0), Fault::EngineOut { vehicle: one }),
         fault(12.0, None, Fault::ServoStuck { vehicle: one, servo: Servo::Pitch }),
@@ -186,7 +188,7 @@ fn a_script_holds_the_plants_faults_of_one_vehicle() {
         fault(0.0, None, Fault::Kill { vehicle: one }),
         fault(0.0, None, Fault::ClockJump { vehicle: one, by_s: 1.0 }),
         fault(0.0, None, Fault::EngineOut { vehicle: two }),
-        ScriptedEvent { at_s: 0.0, for_s: None, what: EventAction::Order(skein_common::scenario::ScriptedOrder::Hold) },
+        ScriptedEvent { at_s: 0.0, for_s: None, what: EventAction::Order(hold) },
     ];
     let script = Script::of(&events, one);
     let now = |failures: Failures| ActiveFaults { failures, simulator_frozen: false };

@@ -20,7 +20,7 @@ struct PlainPeer {
     lost_at: Option<LocalTime>,
 }
 
-/// The plain stage of vehicle 1.
+/// The plain stage of the own vehicle.
 struct Plain {
     peers: Vec<PlainPeer>,
     stale_s: f64,
@@ -59,7 +59,7 @@ impl Plain {
 
     fn begin(&mut self, header: &Header) -> Option<&mut PlainPeer> {
         let nth = usize::from(header.sender.get()) - 1;
-        let peer = self.peers.get_mut(nth).filter(|_| nth != 0)?;
+        let peer = self.peers.get_mut(nth).filter(|_| nth + 1 != usize::from(OWN))?;
         if header.incarnation.0 > peer.incarnation {
             let PlainPeer { token, received_at, found, lost_at, .. } = *peer;
             let incarnation = header.incarnation.0;
@@ -82,7 +82,7 @@ impl Plain {
                     return;
                 }
                 (peer.heartbeat, peer.received_at) = (Some((*heartbeat, at)), Some(at));
-                let echo = heartbeat.echo.filter(|echo| echo.of == id(1));
+                let echo = heartbeat.echo.filter(|echo| echo.of == id(OWN));
                 let round_trip_s = echo.and_then(|echo| self.exchange.round_trip_s(at, &echo));
                 let nth = usize::from(heartbeat.header.sender.get()) - 1;
                 if let Some(round_trip_s) = round_trip_s {
@@ -91,7 +91,7 @@ impl Plain {
             }
             PeerMessage::Appeared(peer) | PeerMessage::Vanished(peer) => {
                 let nth = usize::from(peer.get()) - 1;
-                if let Some(peer) = self.peers.get_mut(nth).filter(|_| nth != 0) {
+                if let Some(peer) = self.peers.get_mut(nth).filter(|_| nth + 1 != usize::from(OWN)) {
                     peer.token = Some(matches!(message, PeerMessage::Appeared(_)));
                 }
             }
@@ -134,6 +134,12 @@ impl Plain {
             && peer.heartbeat.is_some_and(|(last, _)| last.plan == 1 && last.membership == Membership::Active)
     }
 
+    /// Whether it is in contact and reports the own vehicle as lost.
+    fn has_lost_own(&self, peer: &PlainPeer) -> bool {
+        let reports = peer.heartbeat.is_some_and(|(last, _)| last.plan == 1 && last.lost.contains(id(OWN)));
+        reports && peer.found && peer.lost_at.is_none()
+    }
+
     fn is_in_sight(&self, peer: &PlainPeer) -> bool {
         let Some((_, at)) = peer.state else { return self.receives_all_states };
         let is_young = match peer.lost_at {
@@ -163,7 +169,9 @@ impl Plain {
         };
         let same_plan = peer.heartbeat.is_some_and(|(last, _)| last.plan == 1);
         let role = match (peer.membership(), peer.lost_at) {
-            (Membership::Active, None) if silent_s <= self.stale_s() && same_plan => Role::Member,
+            (Membership::Active, None) if silent_s <= self.stale_s() && same_plan && !self.has_lost_own(peer) => {
+                Role::Member
+            }
             (_, Some(lost_at)) if self.now.seconds_since(lost_at) > 10.0 => Role::Nothing,
             _ => Role::Obstacle { radius_m: 8.0 + age_s.min(12.0) },
         };
@@ -183,7 +191,7 @@ impl Plain {
 
     fn members(&self) -> VehicleSet {
         let seen = self.estimates().into_iter().filter(|peer| peer.role == Role::Member).map(|peer| peer.id).collect();
-        self.ids(|peer| !self.is_in_sight(peer) && self.is_active(peer)).either(seen)
+        self.ids(|peer| !self.is_in_sight(peer) && self.is_active(peer) && !self.has_lost_own(peer)).either(seen)
     }
 
     fn may_return(&self, peer: &PlainPeer) -> bool {
@@ -198,9 +206,14 @@ impl Plain {
     }
 
     fn flies_above(&self) -> bool {
-        let lowest = self.ids(|peer| self.is_active(peer)).first().unwrap_or(id(1)).min(id(1));
-        let flies = |peer: &PlainPeer| peer.membership() == Membership::Active && self.may_return(peer);
-        self.ids(flies).first().is_some_and(|lost| lost < lowest)
+        let agrees =
+            |peer: &PlainPeer| peer.lost_at.is_none() && peer.heartbeat.is_some_and(|(last, _)| last.plan == 1);
+        let together = self.ids(|peer| agrees(peer) && !self.has_lost_own(peer));
+        let lowest = together.first().unwrap_or(id(OWN)).min(id(OWN));
+        let is_lost = |peer: &PlainPeer| peer.membership() == Membership::Active && self.may_return(peer);
+        let apart = self.ids(|peer| is_lost(peer) || self.has_lost_own(peer));
+        let may_fly = self.ids(|peer| is_lost(peer) || self.is_active(peer) && self.has_lost_own(peer));
+        !may_fly.is_empty() && apart.first().is_some_and(|apart| apart < lowest)
     }
 
     fn all_lost(&self) -> bool {
@@ -261,6 +274,8 @@ enum Delivery {
 }
 
 const ROSTER: u8 = 6;
+/// The vehicle whose stage is tested: some ids are lower and some higher.
+const OWN: u8 = 3;
 
 fn event() -> impl Strategy<Value = Event> {
     let message = (1..=ROSTER + 1, 1_u64..3, 0_u64..400, 0_u8..12, -300.0..300.0);
@@ -269,7 +284,7 @@ fn event() -> impl Strategy<Value = Event> {
             sender, incarnation, sequence, kind, north_m
         }),
         2 => Just(Event::Repeated),
-        2 => (2..=ROSTER, any::<bool>()).prop_map(|(sender, is_up)| Event::Token { sender, is_up }),
+        2 => (1..ROSTER, any::<bool>()).prop_map(|(nth, is_up)| Event::Token { sender: nth + u8::from(nth >= OWN), is_up }),
         1 => (0.1..8.0).prop_map(|for_s| Event::Late { for_s }),
     ]
 }
@@ -285,12 +300,18 @@ fn message_of(event: &Event, echo: Option<Echo>) -> Option<PeerMessage> {
             }
             let membership = [Membership::Active, Membership::Active, Membership::Joining, Membership::Left];
             let plan = if kind == 10 { 9 } else { 1 };
-            let order =
-                (kind == 11).then_some(Order { epoch: sequence / 50, issuer: 1, verb: Verb::Hold, signature: None });
+            let order = (kind == 11).then_some(Order {
+                epoch: sequence / 50,
+                issuer: 1,
+                verb: Verb::Hold,
+                vehicles: None,
+                signature: None,
+            });
             let heartbeat = heartbeat_of(header, plan, membership[usize::from(kind) % 4]);
             let step = (sequence / 30) as u32;
             let progress_m = sequence as f64;
-            Some(PeerMessage::Mission(Heartbeat { step, vouched: step, progress_m, order, echo, ..heartbeat }))
+            let lost = if sequence % 5 == 0 { [1, OWN].map(id).into_iter().collect() } else { VehicleSet::default() };
+            Some(PeerMessage::Mission(Heartbeat { step, vouched: step, progress_m, order, echo, lost, ..heartbeat }))
         }
         Event::Token { sender, is_up: true } => Some(PeerMessage::Appeared(id(sender))),
         Event::Token { sender, is_up: false } => Some(PeerMessage::Vanished(id(sender))),
@@ -311,7 +332,7 @@ proptest! {
         delivery in prop_oneof![Just(Delivery::ToOne), Just(Delivery::ToAll), Just(Delivery::Shared)],
     ) {
         let network = network(["", "network.graph = 'nearest'\nnetwork.neighbours = 2"][usize::from(graph)]);
-        let (mut kept, mut plain) = (Peers::new(id(1), ROSTER, 1, &network), Plain::new(&network, ROSTER));
+        let (mut kept, mut plain) = (Peers::new(id(OWN), ROSTER, 1, &network), Plain::new(&network, ROSTER));
         let mut shared = SharedRecords::starting_with(Records::new(ROSTER, 1, &network));
         let (mut now, mut own_m) = (seconds(1.0), 0.0);
         let (mut last, mut stamps) = (Vec::new(), Vec::new());
@@ -328,7 +349,7 @@ proptest! {
                         plain.did_not_run(*for_s);
                     }
                     _ => {
-                        let echo = stamps.last().map(|&stamp| Echo { of: id(1), stamp, held_us: 10_000 });
+                        let echo = stamps.last().map(|&stamp| Echo { of: id(OWN), stamp, held_us: 10_000 });
                         messages.extend(message_of(event, echo));
                     }
                 }

@@ -126,7 +126,9 @@ fn errors_name_the_key_file_or_name_at_fault() {
     let mut vehicles = good.vehicles.clone();
     vehicles.insert(id(4).into(), vehicles[&id(1).into()].clone());
     assert!(refused(Tls { vehicles, ..good.clone() }, here).contains("\"vehicle-1\" must name exactly one"));
-    assert!(refused(Tls { observer: "vehicle-2".to_owned(), ..good.clone() }, here).contains("\"vehicle-2\" must"));
+    assert!(
+        refused(Tls { observers: vec!["vehicle-2".to_owned()], ..good.clone() }, here).contains("\"vehicle-2\" must")
+    );
     let other = authority.key_file("vehicle-2");
     assert!(
         refused(Tls { key: other, ..good.clone() }, here).contains("vehicle-2.key: "),

@@ -83,7 +83,7 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
         }
     }
 
-    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, signature: None };
+    let order = Order { epoch: 1, issuer: 9, verb: Verb::Land, vehicles: None, signature: None };
     let order =
         signature::orders::sign(&swarm.authority.signing_key("operator"), &swarm.name, Branch::SWARM, RUN, order);
     for link in [&swarm.one, &swarm.two] {

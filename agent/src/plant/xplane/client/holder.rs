@@ -40,6 +40,8 @@ pub(super) struct Holder {
     contested: u32,
     yields_after: u32,
     has_yielded: bool,
+    /// The controls were given back, and no override has been read as off since then.
+    is_left_over: bool,
 }
 
 impl Holder {
@@ -55,12 +57,26 @@ impl Holder {
             contested: 0,
             yields_after: LEAST_WINDOWS + random % CHOICES,
             has_yielded: false,
+            is_left_over: false,
         }
     }
 
     /// Takes a value of the override.
     pub(super) fn overridden(&mut self, is_on: bool) {
         self.is_overridden = is_on;
+        self.is_left_over &= is_on;
+    }
+
+    /// Notes that this program has given the controls back: what changes from now on is not its own.
+    pub(super) fn gave_back(&mut self) {
+        self.written.clear();
+        (self.window, self.contested, self.has_yielded) = (None, 0, false);
+        (self.foreign_change, self.is_left_over) = (None, true);
+    }
+
+    /// Whether the controls were given back and are still overridden, because the datagrams were lost.
+    pub(super) fn is_left_over(&self) -> bool {
+        self.is_left_over && self.is_overridden
     }
 
     /// Takes a value of the roll control.
@@ -68,7 +84,7 @@ impl Holder {
         self.since.get_or_insert(now);
         let is_own = self.written.iter().any(|written| (written - value).abs() < ROUNDING);
         let is_changed = self.last.replace(value).is_some_and(|last| last != value);
-        if !is_own && is_changed && self.is_overridden {
+        if !is_own && is_changed && self.is_overridden && !self.is_left_over {
             self.foreign_change = Some(now);
         }
         let (begin, own, foreign) = self.window.unwrap_or((now, 0, 0));

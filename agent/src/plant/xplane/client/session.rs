@@ -4,8 +4,8 @@
 //! Two facts still identify its datagrams:
 //!
 //! * A reply to a dataref request (RREF) echoes the request's index. Each session draws its indices at random, so only
-//!   the queried simulator knows them. A datagram of 183 guesses contains three of eleven indices out of 2³¹ with
-//!   probability 10⁻¹⁹.
+//!   the queried simulator knows them. A datagram of 183 guesses contains three of seventeen indices out of 2³¹ with
+//!   probability 10⁻¹⁸.
 //! * A position (RPOS) echoes nothing. It is the simulator's if it comes from the same port as values with our indices.
 //!   A simulator that sends the two kinds from different ports is recognised by agreement: its positions agree with the
 //!   latitude, longitude and elevation that came with our indices, and those of no other port do. Once recognised, the
@@ -48,6 +48,12 @@ pub(super) enum Value {
     Crashed,
     Override,
     Roll,
+    Pitch,
+    Yaw,
+    Collective,
+    StickRoll,
+    StickPitch,
+    StickYaw,
     RotorSpeed,
     Version,
     Latitude,
@@ -56,13 +62,19 @@ pub(super) enum Value {
 }
 
 impl Value {
-    pub(super) const ALL: [Self; 11] = [
+    pub(super) const ALL: [Self; 17] = [
         Self::RunningTime,
         Self::Paused,
         Self::InReplay,
         Self::Crashed,
         Self::Override,
         Self::Roll,
+        Self::Pitch,
+        Self::Yaw,
+        Self::Collective,
+        Self::StickRoll,
+        Self::StickPitch,
+        Self::StickYaw,
         Self::RotorSpeed,
         Self::Version,
         Self::Latitude,
@@ -79,6 +91,14 @@ impl Value {
             Self::Crashed => "sim/flightmodel2/misc/has_crashed",
             Self::Override => profile.overrides.first()?.as_str(),
             Self::Roll => profile.roll.as_str(),
+            Self::Pitch => profile.pitch.as_str(),
+            Self::Yaw => profile.yaw.as_str(),
+            Self::Collective => profile.collective.first()?.as_str(),
+            // What the pilot's own stick shows, whatever is written to the axes: X-Plane numbers its functions from
+            // 1 (pitch), 2 (roll), 3 (yaw).
+            Self::StickRoll => "sim/joystick/joy_mapped_axis_value[2]",
+            Self::StickPitch => "sim/joystick/joy_mapped_axis_value[1]",
+            Self::StickYaw => "sim/joystick/joy_mapped_axis_value[3]",
             Self::RotorSpeed => profile.rotor_speed_rpm.as_str(),
             Self::Version => "sim/version/xplane_internal_version",
             Self::Latitude => "sim/flightmodel/position/latitude",
@@ -88,39 +108,61 @@ impl Value {
     }
 }
 
-/// Index of each value in this session.
+/// Most datarefs that are asked for besides the values, once.
+pub(super) const MAX_QUESTIONS: usize = 256;
+/// Largest first index of the questions: those above it are not negative either.
+const FIRST_QUESTION_MASK: i32 = 0x3FFF_FFFF;
+
+/// Index of each value and of each question in this session.
 #[derive(Debug)]
-pub struct Indices([i32; Value::ALL.len()]);
+pub struct Indices {
+    values: [i32; Value::ALL.len()],
+    /// Index of the first question; the others follow it.
+    first_question: i32,
+}
 
 impl Indices {
     /// Draws distinct indices from unpredictable bytes, or returns `None` if `fill` has no bytes. X-Plane only
     /// echoes indices; they are not negative because its documentation shows no negative one.
     pub fn draw(mut fill: impl FnMut(&mut [u8]) -> bool) -> Option<Self> {
         loop {
-            let mut bytes = [[0; 4]; Value::ALL.len()];
-            if !fill(bytes.as_flattened_mut()) {
+            let (mut bytes, mut first) = ([[0; 4]; Value::ALL.len()], [0; 4]);
+            if !fill(bytes.as_flattened_mut()) || !fill(&mut first) {
                 return None;
             }
-            let indices = bytes.map(|bytes| i32::from_le_bytes(bytes) & i32::MAX);
-            let is_distinct = |(nth, index): (usize, &i32)| !indices[..nth].contains(index);
-            if indices.iter().enumerate().all(is_distinct) {
-                return Some(Self(indices));
+            let values = bytes.map(|bytes| i32::from_le_bytes(bytes) & i32::MAX);
+            let drawn = Self { values, first_question: i32::from_le_bytes(first) & FIRST_QUESTION_MASK };
+            let is_distinct =
+                |(nth, index): (usize, &i32)| !values[..nth].contains(index) && drawn.question(*index).is_none();
+            if values.iter().enumerate().all(is_distinct) {
+                return Some(drawn);
             }
         }
     }
 
+    /// Index of a question.
+    pub(super) fn of_question(&self, nth: usize) -> i32 {
+        self.first_question + nth.min(MAX_QUESTIONS - 1) as i32
+    }
+
+    /// The question that was asked with this index, if any.
+    pub(super) fn question(&self, index: i32) -> Option<usize> {
+        let nth = usize::try_from(index.checked_sub(self.first_question)?).ok()?;
+        (nth < MAX_QUESTIONS).then_some(nth)
+    }
+
     /// A number that no other program knows.
     pub(super) fn first(&self) -> i32 {
-        self.0[0]
+        self.values[0]
     }
 
     pub(super) fn of(&self, value: Value) -> i32 {
-        self.0[value as usize]
+        self.values[value as usize]
     }
 
     /// Value requested with this index; `None` if the session did not use it.
     pub(super) fn value(&self, index: i32) -> Option<Value> {
-        let nth = self.0.iter().position(|own| *own == index)?;
+        let nth = self.values.iter().position(|own| *own == index)?;
         Value::ALL.get(nth).copied()
     }
 
@@ -130,7 +172,7 @@ impl Indices {
         for index in indices {
             match self.value(index) {
                 Some(value) => ours |= 1 << value as u32,
-                None => others = true,
+                None => others |= self.question(index).is_none(),
             }
         }
         match ours.count_ones() {

@@ -4,9 +4,11 @@ use std::net::SocketAddr;
 
 use clap::{Args, FromArgMatches};
 use skein_common::frame::{Geodetic, PositionNed};
+use skein_common::message::ShortText;
 use skein_host::clock::now;
 
 use super::*;
+use crate::plant::xplane::server::DEFAULT_ACF;
 use crate::plant::xplane::standin::{Simulator, StandinOptions};
 
 const FRAME: Duration = Duration::from_millis(20);
@@ -24,6 +26,11 @@ struct Bench {
 impl Bench {
     /// A simulator whose clients have drawn these numbers.
     fn new(seeds: &[u8]) -> Self {
+        Self::of(seeds, &Profile::default())
+    }
+
+    /// The same with this profile.
+    fn of(seeds: &[u8], profile: &Profile) -> Self {
         let defaults = StandinOptions::augment_args(clap::Command::new("standin")).get_matches_from(["standin"]);
         let options = StandinOptions::from_arg_matches(&defaults).unwrap();
         let client = |&seed: &u8| {
@@ -35,7 +42,7 @@ impl Bench {
                 }
                 true
             });
-            Client::new(&origin(), &Profile::default(), 50, indices.unwrap()).unwrap()
+            Client::new(&origin(), profile, 50, indices.unwrap()).unwrap()
         };
         Self {
             simulator: Simulator::new(&options).unwrap(),
@@ -155,4 +162,15 @@ fn an_aircraft_elsewhere_on_the_ground_is_placed_and_one_in_the_air_is_not() {
     bench.clients[0].start_at(placement);
     bench.run(0.5);
     assert!(away(&mut bench, start) > 50.0 && bench.standstill(0).is_none());
+}
+
+#[test]
+fn another_aircraft_than_the_profile_is_for_is_not_flown() {
+    for (acf, expected) in [("xcell60", None), ("R22", Some(Standstill::OtherAircraft(ShortText::of(DEFAULT_ACF))))] {
+        let mut bench = Bench::of(&[1], &Profile { acf: Some(acf.to_owned()), ..Profile::default() });
+        bench.clients[0].inquire();
+        bench.run(2.0);
+        assert_eq!(bench.standstill(0), expected, "{acf}");
+        assert_eq!(bench.clients[0].counters().foreign, 0, "its own questions are answered");
+    }
 }

@@ -17,6 +17,8 @@ const TIMEOUT: Duration = Duration::from_secs(3);
 pub(super) struct Search {
     port: Port,
     since: Instant,
+    /// When the group was last joined on every interface.
+    joined: Instant,
     is_reported: bool,
 }
 
@@ -28,7 +30,8 @@ impl Search {
 
     /// Listens on a socket that is already bound.
     pub(super) fn on(socket: UdpSocket) -> io::Result<Self> {
-        Ok(Self { port: Port::new(socket)?, since: now(), is_reported: false })
+        let since = now();
+        Ok(Self { port: Port::new(socket)?, since, joined: since, is_reported: false })
     }
 
     /// Port of the first master X-Plane on this host whose beacon arrives before the deadline. Beacons of other hosts
@@ -55,8 +58,18 @@ impl Search {
                 break;
             }
         }
+        self.join_again();
         self.report();
         None
+    }
+
+    /// Includes the interfaces that came up since the beginning: an agent may start before its computer's network.
+    fn join_again(&mut self) {
+        if now() >= self.joined + TIMEOUT {
+            self.joined = now();
+            // The socket is open, so that it has joined at least one interface before.
+            let _ = discovery::join(&self.port.options());
+        }
     }
 
     fn report(&mut self) {

@@ -335,6 +335,7 @@ fn a_simulator_of_another_address_family_is_refused() {
     }
 }
 
+mod peers;
 mod spoofed;
 
 mod beacons {
@@ -424,7 +425,7 @@ mod live {
     }
 
     /// Value of a dataref, read by a separate client.
-    fn read(simulator: SocketAddr, path: &str) -> f32 {
+    pub(super) fn read(simulator: SocketAddr, path: &str) -> f32 {
         let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
         socket.set_read_timeout(Some(TIMEOUT)).unwrap();
         let mut datagram = Vec::new();

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use super::settings::{ENGINES, Setting, Settings};
+use super::settings::{AIRCRAFT, ENGINES, Setting, Settings};
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
+use crate::plant::xplane::wire::aircraft::Move;
 use crate::plant::xplane::wire::rpos::Position;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::math;
@@ -13,6 +14,11 @@ use skein_core::plant::Frame;
 
 /// Number of layers of wind in X-Plane 12; X-Plane 11 has three.
 const LAYERS: usize = 13;
+/// Beginning of the datarefs that only the R22 of X-Plane 12 has.
+const OF_THE_R22: &str = "laminar/r22/";
+/// Number of the functions that an axis of a joystick can have, as far as a helicopter needs them. The functions are
+/// numbered from 1: pitch, roll, yaw, throttle, collective.
+const AXES: usize = 8;
 /// Length of a text, whose bytes are read one by one.
 const TEXT: usize = 512;
 
@@ -31,7 +37,12 @@ pub(super) struct Situation {
     pub(super) version: i32,
     pub(super) is_paused: bool,
     pub(super) surroundings: Surroundings,
+    /// Poses of the other aircraft; `None` for one that no client has moved.
+    pub(super) others: Others,
 }
+
+/// Poses of the other aircraft, the first of which is number 1.
+pub(super) type Others = [Option<Move>; AIRCRAFT - 1];
 
 /// What flying does not change: the aircraft's file and the weather.
 #[derive(Clone, Debug)]
@@ -79,7 +90,21 @@ impl Situation {
             speed: 1.0,
             version,
             is_paused: false,
+            others: Others::default(),
         }
+    }
+
+    /// A number of the aircraft `number`, 0 if no client has moved it.
+    fn other(&self, number: usize, read: fn(&Move) -> f64) -> f64 {
+        self.others[number - 1].as_ref().map_or(0.0, read)
+    }
+
+    /// Place of the aircraft `number` in the local frame, m: east, up, south.
+    fn other_local_m(&self, number: usize) -> [f64; 3] {
+        let Some(moved) = &self.others[number - 1] else { return [0.0; 3] };
+        let place = Geodetic::from_degrees(moved.latitude_deg, moved.longitude_deg, moved.elevation_m);
+        let local = Origin::new(self.reference).ned_from_geodetic(&place);
+        [local.east_m(), -local.down_m(), -local.north_m()]
     }
 }
 
@@ -117,7 +142,9 @@ pub enum ValueType {
 enum Length {
     One,
     Engines,
+    Aircraft,
     Layers,
+    Axes,
     Text,
 }
 
@@ -133,6 +160,11 @@ impl Dataref {
     /// All datarefs of the simulator.
     pub fn all() -> &'static [Self] {
         DATAREFS
+    }
+
+    /// Whether a simulator with this aircraft has it: aircraft bring datarefs of their own.
+    pub fn is_in(&self, acf: &str) -> bool {
+        !self.path.starts_with(OF_THE_R22) || acf.contains("R22")
     }
 
     /// Its name.
@@ -155,7 +187,9 @@ impl Dataref {
         match self.length {
             Length::One => 1,
             Length::Engines => engines.min(ENGINES),
+            Length::Aircraft => AIRCRAFT,
             Length::Layers => LAYERS,
+            Length::Axes => AXES,
             Length::Text => TEXT,
         }
     }
@@ -185,8 +219,32 @@ const fn layers(path: &'static str, source: Source) -> Dataref {
     Dataref { path, length: Length::Layers, value_type: ValueType::FloatArray, source }
 }
 
+const fn axes(path: &'static str, source: Source) -> Dataref {
+    Dataref { path, length: Length::Axes, value_type: ValueType::FloatArray, source }
+}
+
 const fn text(path: &'static str, read: fn(&Situation) -> &str) -> Dataref {
     Dataref { path, length: Length::Text, value_type: ValueType::Data, source: Source::Text(read) }
+}
+
+/// All these datarefs, and those of the other aircraft with these numbers.
+macro_rules! with_aircraft {
+    ([$($own:expr,)*] $($number:literal)*) => {
+        [
+            $($own,)*
+            $(
+                double(concat!("sim/multiplayer/position/plane", $number, "_x"), Computed(|s| s.other_local_m($number)[0])),
+                double(concat!("sim/multiplayer/position/plane", $number, "_y"), Computed(|s| s.other_local_m($number)[1])),
+                double(concat!("sim/multiplayer/position/plane", $number, "_z"), Computed(|s| s.other_local_m($number)[2])),
+                double(concat!("sim/multiplayer/position/plane", $number, "_lat"), Computed(|s| s.other($number, |p| p.latitude_deg))),
+                double(concat!("sim/multiplayer/position/plane", $number, "_lon"), Computed(|s| s.other($number, |p| p.longitude_deg))),
+                double(concat!("sim/multiplayer/position/plane", $number, "_el"), Computed(|s| s.other($number, |p| p.elevation_m))),
+                scalar(concat!("sim/multiplayer/position/plane", $number, "_psi"), Computed(|s| s.other($number, |p| p.heading_deg.into()))),
+                scalar(concat!("sim/multiplayer/position/plane", $number, "_the"), Computed(|s| s.other($number, |p| p.pitch_deg.into()))),
+                scalar(concat!("sim/multiplayer/position/plane", $number, "_phi"), Computed(|s| s.other($number, |p| p.roll_deg.into()))),
+            )*
+        ]
+    };
 }
 
 /// All datarefs; searched only when a client subscribes or writes.
@@ -194,7 +252,7 @@ const fn text(path: &'static str, read: fn(&Situation) -> &str) -> Dataref {
 static DATAREFS: &[Dataref] = &{
     use Setting::*;
     use Source::{All, Computed, Kept, Read};
-    [
+    with_aircraft! { [
         // Position and motion.
         double("sim/flightmodel/position/latitude", Computed(|s| s.position.latitude_deg)),
         double("sim/flightmodel/position/longitude", Computed(|s| s.position.longitude_deg)),
@@ -267,6 +325,7 @@ static DATAREFS: &[Dataref] = &{
         scalar("skein/standin/drop_share", Kept(DropShare)),
         scalar("skein/standin/freeze_s", Kept(Freeze)),
         scalar("skein/standin/restart_s", Kept(Restart)),
+        scalar("skein/standin/load_s", Kept(LoadTime)),
         scalar("skein/standin/replay", Kept(Replay)),
         scalar("skein/standin/crash", Kept(Crash)),
         scalar("skein/standin/move_origin", Kept(MoveOrigin)),
@@ -277,16 +336,26 @@ static DATAREFS: &[Dataref] = &{
         int("sim/operation/override/override_joystick_roll", Kept(OverrideRoll)),
         int("sim/operation/override/override_joystick_pitch", Kept(OverridePitch)),
         int("sim/operation/override/override_joystick_heading", Kept(OverrideYaw)),
+        // The pilot's own stick, which a client moves here; X-Plane only reads it from its devices.
+        axes("sim/joystick/joy_mapped_axis_value", Kept(Stick)),
         scalar("sim/joystick/yoke_roll_ratio", Kept(Roll)),
         scalar("sim/joystick/yoke_pitch_ratio", Kept(Pitch)),
         scalar("sim/joystick/yoke_heading_ratio", Kept(Yaw)),
         scalar("sim/cockpit2/engine/actuators/prop_ratio_all", All(Collective)),
         per_engine("sim/cockpit2/engine/actuators/prop_ratio", Kept(Collective)),
+        scalar("laminar/r22/rotor_collective_ratio", All(Collective)),
         // The governor controls the throttle, whatever is written here.
         scalar("sim/cockpit2/engine/actuators/throttle_ratio_all", All(Throttle)),
         per_engine("sim/cockpit2/engine/actuators/throttle_ratio", Kept(Throttle)),
         int_per_engine("sim/cockpit2/engine/actuators/governor_on", Kept(Governor)),
-    ]
+        // The other aircraft: 1 while clients move one.
+        Dataref {
+            path: "sim/operation/override/override_planepath",
+            length: Length::Aircraft,
+            value_type: ValueType::IntArray,
+            source: Kept(OverridePlanePath),
+        },
+    ] 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 }
 };
 
 pub(super) fn groundspeed_m_s(situation: &Situation) -> f64 {
@@ -301,10 +370,10 @@ pub(super) struct Handle {
 }
 
 impl Handle {
-    /// Finds a dataref by its path; `engines` is the length of per-engine arrays.
-    pub(super) fn find(path: &str, engines: usize) -> Option<Self> {
+    /// Finds a dataref of this aircraft by its path; `engines` is the length of per-engine arrays.
+    pub(super) fn find(path: &str, engines: usize, acf: &str) -> Option<Self> {
         let (name, element) = name_and_element(path)?;
-        let dataref = DATAREFS.iter().find(|dataref| dataref.path == name)?;
+        let dataref = DATAREFS.iter().find(|dataref| dataref.path == name && dataref.is_in(acf))?;
         (element < dataref.elements(engines)).then_some(Self { dataref, element })
     }
 

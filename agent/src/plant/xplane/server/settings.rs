@@ -2,6 +2,13 @@
 
 /// Number of elements of a per-engine array since X-Plane 12; X-Plane 11 has eight.
 pub(super) const ENGINES: usize = 16;
+/// Number of X-Plane's aircraft, the user's own included.
+pub(super) const AIRCRAFT: usize = 20;
+/// Number of elements that are kept of each setting: those of the longest array.
+const ELEMENTS: usize = AIRCRAFT;
+
+/// Time without frames while the user's own aircraft is loaded, s, unless it is ordered otherwise.
+const LOADS_FOR_S: f32 = 3.0;
 
 /// A dataref that can be written and keeps its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -10,10 +17,12 @@ pub(super) enum Setting {
     OverrideRoll,
     OverridePitch,
     OverrideYaw,
+    OverridePlanePath,
     Roll,
     Pitch,
     Yaw,
     Collective,
+    Stick,
     Throttle,
     Governor,
     DataRate,
@@ -22,6 +31,7 @@ pub(super) enum Setting {
     DropShare,
     Freeze,
     Restart,
+    LoadTime,
     Replay,
     Crash,
     MoveOrigin,
@@ -52,15 +62,16 @@ impl Setting {
             | Self::OverrideRoll
             | Self::OverridePitch
             | Self::OverrideYaw
+            | Self::OverridePlanePath
             | Self::Governor
             | Self::RandomFailures => value.trunc(),
-            Self::Roll | Self::Pitch | Self::Yaw => value.clamp(-1.0, 1.0),
+            Self::Roll | Self::Pitch | Self::Yaw | Self::Stick => value.clamp(-1.0, 1.0),
             Self::Collective | Self::Throttle => value.clamp(0.0, 1.0),
             Self::DataRate => value.trunc().clamp(1.0, 99.0),
             Self::Speed => value.clamp(0.05, 16.0),
             // An order to lose no more datagrams must arrive.
             Self::DropShare => value.clamp(0.0, 0.95),
-            Self::Freeze | Self::Restart => value.clamp(0.0, 60.0),
+            Self::Freeze | Self::Restart | Self::LoadTime => value.clamp(0.0, 60.0),
             Self::Replay | Self::Crash | Self::MoveOrigin => f32::from(value != 0.0),
             Self::UpdateImmediately | Self::RealWeather => f32::from(value != 0.0),
             Self::ChangeMode => value.trunc().clamp(0.0, 7.0),
@@ -76,16 +87,17 @@ impl Setting {
 
 /// Values of all settings, element by element.
 #[derive(Clone, Debug)]
-pub(super) struct Settings([[f32; ENGINES]; Setting::COUNT]);
+pub(super) struct Settings([[f32; ELEMENTS]; Setting::COUNT]);
 
 impl Settings {
     /// A helicopter with a running engine, the collective down and free controls.
     pub(super) fn new() -> Self {
-        let mut settings = Self([[0.0; ENGINES]; Setting::COUNT]);
-        settings.0[Setting::Throttle as usize] = [1.0; ENGINES];
-        settings.0[Setting::Governor as usize] = [1.0; ENGINES];
-        settings.0[Setting::DataRate as usize] = [20.0; ENGINES];
-        settings.0[Setting::Speed as usize] = [1.0; ENGINES];
+        let mut settings = Self([[0.0; ELEMENTS]; Setting::COUNT]);
+        settings.0[Setting::Throttle as usize] = [1.0; ELEMENTS];
+        settings.0[Setting::Governor as usize] = [1.0; ELEMENTS];
+        settings.0[Setting::DataRate as usize] = [20.0; ELEMENTS];
+        settings.0[Setting::Speed as usize] = [1.0; ELEMENTS];
+        settings.0[Setting::LoadTime as usize] = [LOADS_FOR_S; ELEMENTS];
         settings
     }
 
@@ -98,7 +110,7 @@ impl Settings {
 
     /// Sets all elements.
     pub(super) fn set_all(&mut self, setting: Setting, value: f32) {
-        self.0[setting as usize] = [setting.stored_value(value); ENGINES];
+        self.0[setting as usize] = [setting.stored_value(value); ELEMENTS];
     }
 
     /// Value of an element.

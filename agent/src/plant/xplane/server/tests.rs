@@ -347,15 +347,41 @@ fn wrong_sizes_are_counted_and_unknown_messages_are_ignored() {
         b"DSEL\0a",
         b"ISE4\0",
         b"RADR\0x",
+        b"VEHX\0",
+        b"ACFN\0",
     ];
     for (nth, datagram) in wrong.into_iter().enumerate() {
         bench.send(client(1), |out| out.extend_from_slice(datagram));
         assert_eq!(bench.server.malformed(), nth as u64 + 1, "{datagram:?}");
     }
-    for datagram in [&b"CMND\0sim/no/such/command"[..], b"QUIT\0", b"VEHX\0", b"hello"] {
+    for datagram in [&b"CMND\0sim/no/such/command"[..], b"QUIT\0", b"VEHS\0", b"hello"] {
         bench.send(client(1), |out| out.extend_from_slice(datagram));
     }
     assert_eq!(bench.server.malformed(), wrong.len() as u64);
+}
+
+#[test]
+fn other_aircraft_are_moved_and_loaded_and_the_users_own_is_not() {
+    let mut bench = Bench::new();
+    let moved = |aircraft: u8| Move {
+        physics: Physics::Stop,
+        aircraft,
+        latitude_deg: 28.0,
+        longitude_deg: -82.0,
+        elevation_m: 30.0,
+        heading_deg: 90.0,
+        pitch_deg: 0.0,
+        roll_deg: 0.0,
+    };
+    for aircraft in [0, 3, 19] {
+        bench.send(client(1), |out| moved(aircraft).encode(out));
+    }
+    let numbers: Vec<u8> = (0..=20).filter(|number| bench.server.other(*number).is_some()).collect();
+    assert_eq!(numbers, [3, 19]);
+    assert_eq!(bench.server.other(3), Some(&moved(3)));
+    bench.send(client(1), |out| Load { aircraft: 3, path: "Aircraft/heli.acf", livery: 0 }.encode(out).unwrap());
+    assert_eq!((bench.server.loaded(3), bench.server.loaded(4)), (Some("Aircraft/heli.acf"), None));
+    assert_eq!(bench.server.malformed(), 0);
 }
 
 #[test]

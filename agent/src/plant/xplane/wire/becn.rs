@@ -53,18 +53,15 @@ impl Beacon {
         if major != MAJOR {
             return Err(WireError::Incompatible);
         }
-        let beacon = Self {
-            minor,
-            host_id: fields.i32()?,
-            version: fields.i32()?,
-            role: fields.u32()?,
-            port: fields.u16()?,
-            name: String::from_utf8_lossy(fields.text()).into_owned(),
-            raknet_port: match datagram.last_chunk::<2>() {
-                Some(port) if minor >= 2 && datagram.len() >= FIXED + 3 => Some(u16::from_le_bytes(*port)),
-                _ => None,
-            },
+        let (host_id, version, role, port) = (fields.i32()?, fields.i32()?, fields.u32()?, fields.u16()?);
+        let name = fields.text();
+        let raknet_port = match datagram.last_chunk::<2>() {
+            // Behind the NUL of the name: a beacon may end with its name.
+            Some(port) if minor >= 2 && datagram.len() >= FIXED + name.len() + 3 => Some(u16::from_le_bytes(*port)),
+            _ => None,
         };
+        let name = String::from_utf8_lossy(name).into_owned();
+        let beacon = Self { minor, host_id, version, role, port, name, raknet_port };
         if beacon.port == 0 { Err(WireError::OutOfRange) } else { Ok(beacon) }
     }
 

@@ -181,6 +181,9 @@ mod tolerance {
     #[test]
     fn beacons_of_other_minor_versions_are_read() {
         let cut = encoded(|out| beacon().encode(out).unwrap());
+        let short = Beacon { raknet_port: None, ..beacon() };
+        let end = encoded(|out| short.encode(out).unwrap());
+        assert_eq!(Beacon::decode(&end), Ok(short), "the end of the name is not a port");
         let old = Beacon { minor: 1, raknet_port: None, ..beacon() };
         assert_eq!(Beacon::decode(&encoded(|out| old.encode(out).unwrap())), Ok(old));
 

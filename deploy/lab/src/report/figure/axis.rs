@@ -13,9 +13,9 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Of a quantity with its unit; for pure numbers the unit is "1".
+    /// Of a quantity with its unit; for pure numbers the unit is "1", which is not printed.
     pub fn new(quantity: &str, unit: &str) -> Self {
-        let label = format!("{quantity}, {unit}");
+        let label = if unit == "1" { quantity.to_owned() } else { format!("{quantity}, {unit}") };
         Self { label, is_log: false, range: None, includes: Vec::new(), named: Vec::new() }
     }
 

@@ -120,6 +120,18 @@ impl Canvas {
         }
     }
 
+    /// Filled rectangles, each between two corners, without gaps between neighbours.
+    pub(super) fn cells(&mut self, cells: impl Iterator<Item = [[f64; 2]; 2]>, of: Colour) {
+        let cell = |corners: [[f64; 2]; 2]| {
+            let [[x0, y0], [x1, y1]] = corners.map(|corner| corner.map(number));
+            format!("M{x0},{y0}H{x1}V{y1}H{x0}Z")
+        };
+        let way: String = cells.map(cell).collect();
+        if !way.is_empty() {
+            self.put(format_args!("<path d=\"{way}\" {} shape-rendering=\"crispEdges\"/>", paint("fill", of)));
+        }
+    }
+
     /// A dot, with a rim of the paper's colour that parts it from others.
     pub(super) fn dot(&mut self, [x, y]: [f64; 2], marker: Marker, size_px: f64, of: Colour) {
         let half = size_px / 2.0;
@@ -129,10 +141,11 @@ impl Canvas {
             Marker::Triangle => &[[0.0, -1.15], [1.05, 0.75], [-1.05, 0.75]],
             Marker::Diamond => &[[0.0, -1.2], [1.2, 0.0], [0.0, 1.2], [-1.2, 0.0]],
             Marker::Down => &[[0.0, 1.15], [1.05, -0.75], [-1.05, -0.75]],
+            Marker::Plus => &[[-1.1, 0.0], [1.1, 0.0], [0.0, -1.1], [0.0, 1.1]],
             Marker::Cross => &[[-0.85, -0.85], [0.85, 0.85], [-0.85, 0.85], [0.85, -0.85]],
         };
         let corners: Vec<_> = corners.iter().map(|[right, down]| [x + right * half, y + down * half]).collect();
-        if marker == Marker::Cross {
+        if matches!(marker, Marker::Plus | Marker::Cross) {
             return self.lines(&[corners[..2].to_vec(), corners[2..].to_vec()], size_px / 4.0, false, of);
         }
         let rim = if of.opacity == 1.0 { " stroke=\"#fff\" stroke-width=\"1.5\" paint-order=\"stroke\"" } else { "" };

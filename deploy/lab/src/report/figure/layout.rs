@@ -53,7 +53,8 @@ fn margins(panels: &[Panel], place: impl Fn(&Panel) -> [f64; 4]) -> Vec<[f64; 2]
         let [left, top, right, bottom] = place(panel);
         let [x, y] = scales(panel);
         let ticks = panel.y.ticks(&y, bottom - top, TICKS_PX);
-        let left_px = 36.0 + ticks.iter().map(|(_, text)| text_width(text, SMALL_PX)).fold(0.0, f64::max);
+        let label_px = LINE_PX * (y_label(panel, bottom - top).len() as f64 - 1.0);
+        let left_px = 36.0 + label_px + ticks.iter().map(|(_, text)| text_width(text, SMALL_PX)).fold(0.0, f64::max);
         // A number stands around its tick, and the last tick may be at the very end.
         let width_px = right - left - left_px;
         let beyond_px = |(at, text): &(f64, String)| text_width(text, SMALL_PX) / 2.0 - (1.0 - x.share(*at)) * width_px;
@@ -61,7 +62,7 @@ fn margins(panels: &[Panel], place: impl Fn(&Panel) -> [f64; 4]) -> Vec<[f64; 2]
         let right_px = x_ticks.iter().map(beyond_px).fold(16.0, f64::max);
         let names_px = panel.items.iter().filter_map(|item| match &item.name {
             Name::AtEnd(name) => Some(text_width(name, SMALL_PX) + 14.0),
-            Name::None | Name::InLegend(_) => None,
+            Name::None | Name::InLegend(_) | Name::OnLine(_) => None,
         });
         [left_px, names_px.fold(right_px, f64::max).min(WIDEST_NAME_PX)]
     };
@@ -98,7 +99,7 @@ fn panel(panel: &Panel, [left, top, right, bottom]: [f64; 4], margins: [f64; 2],
     let is_area = |item: &&Item| matches!(item.shape, Shape::Area(_));
     panel.items.iter().filter(is_area).for_each(|item| draw(item, panel, &plot, canvas));
     panel.items.iter().filter(|item| !is_area(item)).for_each(|item| draw(item, panel, &plot, canvas));
-    axes(panel, &plot, left, canvas);
+    axes(panel, &plot, left, &y_label(panel, bottom - top), canvas);
     let height = |row: usize| words_top + (row as f64 + 0.5) * LINE_PX;
     for (mark, (.., row)) in panel.marks.iter().zip(&labels) {
         let x = plot.x_px(mark.x);
@@ -111,7 +112,7 @@ fn panel(panel: &Panel, [left, top, right, bottom]: [f64; 4], margins: [f64; 2],
 }
 
 /// The axes' lines, ticks, numbers and labels.
-fn axes(panel: &Panel, plot: &Plot, left: f64, canvas: &mut Canvas) {
+fn axes(panel: &Panel, plot: &Plot, left: f64, y_label: &[String], canvas: &mut Canvas) {
     let Plot { top, right, bottom, .. } = *plot;
     canvas.rule([plot.left, top], [plot.left, bottom], Colour::BLACK);
     canvas.rule([plot.left, bottom], [right, bottom], Colour::BLACK);
@@ -131,7 +132,23 @@ fn axes(panel: &Panel, plot: &Plot, left: f64, canvas: &mut Canvas) {
     }
     let middle = [(plot.left + right) / 2.0, (top + bottom) / 2.0];
     canvas.text([middle[0], bottom + 34.0], panel.x.label(), LABEL_PX, Colour::BLACK, Anchor::Centre);
-    canvas.text_upwards([left + 12.0, middle[1]], panel.y.label(), LABEL_PX, Colour::BLACK);
+    for (nth, line) in y_label.iter().enumerate() {
+        canvas.text_upwards([left + 12.0 + LINE_PX * nth as f64, middle[1]], line, LABEL_PX, Colour::BLACK);
+    }
+}
+
+/// The label of the y axis of a panel of this height in one line, or in two if it is longer than the plot.
+fn y_label(panel: &Panel, height_px: f64) -> Vec<String> {
+    // Title, legend and marks above the plot, numbers and label below it.
+    const BESIDE_PLOT_PX: f64 = 100.0;
+    let label = panel.y.label();
+    if text_width(label, LABEL_PX) <= height_px - BESIDE_PLOT_PX {
+        return vec![label.to_owned()];
+    }
+    let halves = label.match_indices(' ').map(|(at, _)| (&label[..at], &label[at + 1..]));
+    let longer_px = |(one, other): &(&str, &str)| text_width(one, LABEL_PX).max(text_width(other, LABEL_PX));
+    let best = halves.min_by(|one, other| longer_px(one).total_cmp(&longer_px(other)));
+    best.map_or_else(|| vec![label.to_owned()], |(one, other)| vec![one.to_owned(), other.to_owned()])
 }
 
 /// The legend, wrapped; gives where it ends, px.
@@ -181,6 +198,7 @@ fn labels(marks: &[Mark], plot: &Plot, right: f64) -> Vec<(f64, f64, usize)> {
 /// Names beside the ends of lines, pushed apart.
 fn names(panel: &Panel, plot: &Plot, canvas: &mut Canvas) {
     let mut ends: Vec<([f64; 2], &str, Colour)> = Vec::new();
+    limits(panel, plot, canvas);
     for item in &panel.items {
         let (Name::AtEnd(name), Shape::Line { pieces, .. }) = (&item.name, &item.shape) else { continue };
         let end = pieces.iter().rev().flat_map(|piece| piece.last()).next();
@@ -199,6 +217,32 @@ fn names(panel: &Panel, plot: &Plot, canvas: &mut Canvas) {
         let x = plot.right + 10.0;
         canvas.lines(&[vec![[end[0] + 1.0, end[1]], [x - 2.0, y]]], 0.8, false, colour.faint(0.6));
         canvas.text([x, y], name, SMALL_PX, *colour, Anchor::Left);
+    }
+}
+
+/// Names of limits on their lines: each above the line's left end or below it, or farther to the right where another name
+/// is in the way.
+fn limits(panel: &Panel, plot: &Plot, canvas: &mut Canvas) {
+    // Left and right end and middle of the names so far, px.
+    let mut taken: Vec<[f64; 3]> = Vec::new();
+    for item in &panel.items {
+        let (Name::OnLine(name), Shape::Line { pieces, .. }) = (&item.name, &item.shape) else { continue };
+        let begins = pieces.iter().find_map(|piece| piece.first()).map(|place| plot.at(*place));
+        let Some([x, y]) = begins.filter(|[_, y]| (plot.top..=plot.bottom).contains(y)) else { continue };
+        let width = text_width(name, SMALL_PX) + 8.0;
+        let places = (0..40).flat_map(|nth| {
+            let from = x.max(plot.left) + 6.0 + 12.0 * f64::from(nth);
+            [y - 9.0, y + 9.0].map(|middle| [from, from + width, middle])
+        });
+        let is_free = |[from, to, middle]: &[f64; 3]| {
+            let is_inside = *to < plot.right && (plot.top + 4.0..plot.bottom - 4.0).contains(middle);
+            let overlaps =
+                |other: &[f64; 3]| other[0] < *to && *from < other[1] && (other[2] - middle).abs() < LINE_PX - 3.0;
+            is_inside && !taken.iter().any(overlaps)
+        };
+        let Some(place) = places.into_iter().find(is_free) else { continue };
+        taken.push(place);
+        canvas.text_on_paper([place[0], place[2]], name, SMALL_PX, item.colour, Anchor::Left);
     }
 }
 

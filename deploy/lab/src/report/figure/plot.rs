@@ -95,6 +95,10 @@ pub(super) fn draw(item: &Item, panel: &Panel, plot: &Plot, canvas: &mut Canvas)
                 }
             }
         }
+        Shape::Cells(cells) => {
+            let corners = |(from, to): &([f64; 2], [f64; 2])| [plot.held(plot.at(*from)), plot.held(plot.at(*to))];
+            canvas.cells(cells.iter().map(corners), item.colour);
+        }
         Shape::Arrows(arrows) => {
             let arrows = arrows.iter().map(|(from, to)| [plot.at(*from), plot.at(*to)]);
             arrows
@@ -109,6 +113,7 @@ pub(super) fn draw(item: &Item, panel: &Panel, plot: &Plot, canvas: &mut Canvas)
                 right if right < -0.4 => Anchor::Right,
                 _ => Anchor::Centre,
             };
+            // Without a side the text is at the place itself.
             let place = [x + 10.0 * right / length, y - 15.0 * up / length];
             canvas.text_on_paper(place, text, SMALL_PX, item.colour, anchor);
         }
@@ -149,7 +154,7 @@ pub(super) fn swatch(item: &Item, [x, y]: [f64; 2], canvas: &mut Canvas) {
             canvas.lines(&[vec![from, to]], *width_px, *is_dashed, item.colour);
             markers.iter().for_each(|(marker, _)| canvas.dot(middle, *marker, 7.0, item.colour));
         }
-        Shape::Area(_) | Shape::Bars(_) => {
+        Shape::Area(_) | Shape::Bars(_) | Shape::Cells(_) => {
             let (top, bottom) = (y - 5.0, y + 5.0);
             canvas.fill(&[[x, top], [to[0], top], [to[0], bottom], [x, bottom]], item.colour);
         }
@@ -167,7 +172,7 @@ pub(super) fn extent(shape: &Shape, axis: usize) -> Vec<f64> {
         Shape::Area(outlines) => of(outlines),
         Shape::Dots { at, .. } => at.iter().map(|place| place[axis]).collect(),
         Shape::Bars(bars) => bars.iter().flat_map(|(from, to, _)| [from[axis], to[axis]]).collect(),
-        Shape::Arrows(arrows) => arrows.iter().flat_map(|(from, to)| [from[axis], to[axis]]).collect(),
+        Shape::Cells(ends) | Shape::Arrows(ends) => ends.iter().flat_map(|(from, to)| [from[axis], to[axis]]).collect(),
         Shape::Note { at, .. } => vec![at[axis]],
     }
 }

@@ -7,7 +7,8 @@ use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
 use skein_common::math;
 use skein_common::message::Trace;
-use skein_common::scenario::{Law, Step as Leg, Target};
+use skein_common::scenario::{Law, StaticObstacle, Step as Leg, Target};
+use skein_common::state::Membership;
 use skein_core::formation;
 use skein_core::formation::law::Neighbour;
 
@@ -23,6 +24,8 @@ const ALONG_PATH: usize = 6;
 const MOST_SNAPSHOTS: usize = 9;
 /// Number of arrows across the field.
 const ARROWS: i32 = 23;
+/// Most vehicles whose numbers are beside their places and trails.
+const NAMED: usize = 24;
 /// Width and height of a square figure, px.
 const SQUARE_PX: f64 = 720.0;
 
@@ -39,7 +42,7 @@ fn map() -> Panel {
 /// Draws the final positions of all vehicles, with the ellipses and the paths to them (the paper's figure 5).
 pub(super) fn final_places(flight: &Flight<'_>) -> Drawing {
     let caption = format!(
-        "Positions of the vehicles at {}, with R* (solid), the band's edges (broken) and their paths{}; small dots: the starts of the paths.",
+        "The vehicles from above at {}, and their paths{}.",
         flight.last_in_formation().map_or("the end".to_owned(), |last| format!("{:.0} s", flight.times_s[last])),
         if flight.has_one_place() { String::new() } else { format!(" in the last {TRAIL_S} s") },
     );
@@ -51,10 +54,45 @@ fn final_places_panel(flight: &Flight<'_>) -> Panel {
     let Some(last) = flight.last_in_formation() else { return panel };
     let since_s = if flight.has_one_place() { f64::NEG_INFINITY } else { flight.times_s[last] - TRAIL_S };
     let first = flight.times_s.partition_point(|t_s| *t_s < since_s);
-    panel.items = ellipses(flight, last);
-    panel.items.extend(trails(flight, first, last, true));
+    panel.items = airspace(flight);
+    panel.items.extend(ellipses(flight, last));
+    panel.items.extend(trails(flight, first, last));
     panel.items.extend(vehicles(flight, last));
+    // Above a vehicle that flies now where another one ended.
+    panel.items.extend(ended_trails(flight, first, last));
     panel
+}
+
+/// The fence and the obstacles of the airspace.
+fn airspace(flight: &Flight<'_>) -> Vec<Item> {
+    let airspace = &flight.scenario().airspace;
+    let closed = |corners: &[[f64; 2]]| corners.iter().chain(corners.first()).map(|corner| on_map(*corner)).collect();
+    let obstacle = |obstacle: &StaticObstacle| {
+        let outline: Vec<[f64; 2]> = match (obstacle.size_ne_m, obstacle.radius_m) {
+            (Some([north_m, east_m]), _) => {
+                let corners = [[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]];
+                let corner = |[north, east]: [f64; 2]| {
+                    [obstacle.centre_ne_m[0] + north * north_m, obstacle.centre_ne_m[1] + east * east_m]
+                };
+                closed(&corners.map(corner))
+            }
+            (None, radius_m) => {
+                let point = |nth: i32| {
+                    let (east, north) = math::sin_cos(f64::from(nth) * TAU / 60.0);
+                    let radius_m = radius_m.unwrap_or(0.0);
+                    [obstacle.centre_ne_m[0] + radius_m * north, obstacle.centre_ne_m[1] + radius_m * east]
+                };
+                closed(&(0..60).map(point).collect::<Vec<_>>())
+            }
+        };
+        Item::new(Shape::Area(vec![outline]), Colour::GREY.faint(0.55)).meaning("Grey areas: obstacles")
+    };
+    let mut items: Vec<Item> = airspace.obstacles.iter().map(obstacle).collect();
+    if !airspace.fence_ne_m.is_empty() {
+        let fence = Item::line(vec![closed(&airspace.fence_ne_m)], Colour::VERMILLION).wide(1.8);
+        items.push(fence.meaning("Orange outline: the fence"));
+    }
+    items
 }
 
 /// The ellipses R_in, R* and R_out of the swarm's step.
@@ -63,7 +101,10 @@ fn ellipses(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     let Some((leg, centre_ne_m)) = leg.zip(flight.centre_ne_m(sample)) else { return Vec::new() };
     let line = |(nth, radius_m): (usize, Option<f64>)| {
         let line = Item::line(vec![ellipse(leg, radius_m?, centre_ne_m)], Colour::BLACK);
-        Some(if nth == 1 { line.wide(1.2) } else { line.wide(0.9).dashed() })
+        Some(match nth {
+            1 => line.wide(1.2).meaning("Solid ring: R*, the circle or ellipse of the formation"),
+            _ => line.wide(0.9).dashed().meaning("Broken rings: R_in and R_out, the band's edges"),
+        })
     };
     radii_m(leg).into_iter().enumerate().filter_map(line).collect()
 }
@@ -80,43 +121,78 @@ fn ellipse(leg: &Leg, radius_m: f64, centre_ne_m: [f64; 2]) -> Vec<[f64; 2]> {
     (0..=120).map(point).collect()
 }
 
-/// The paths of all vehicles from one sample to another.
-fn trails(flight: &Flight<'_>, first: usize, last: usize, with_beginning: bool) -> Vec<Item> {
-    let path = |index: usize| {
-        let steps = &flight.seen[index][first..=last];
-        pieces(steps.iter().map(|step| step.map(|step| place_on_map(step.trace.position))))
+/// The paths of all vehicles from one sample to another, each with a dot at its start.
+fn trails(flight: &Flight<'_>, first: usize, last: usize) -> Vec<Item> {
+    let paths: Vec<_> = (0..flight.count()).map(|index| path(flight, index, first, last)).collect();
+    let start = |(index, path): (usize, &Vec<Vec<[f64; 2]>>)| {
+        let at = path.first().and_then(|piece| piece.first()).copied().into_iter().collect();
+        Item::new(Shape::Dots { at, marker: Marker::Circle, size_px: 4.0 }, colour(flight, index))
+            .meaning("Small dots: the starts of the paths")
     };
-    let (width_px, opacity) = if flight.is_few() { (1.2, 0.75) } else { (0.7, 0.3) };
+    let starts: Vec<Item> = paths.iter().enumerate().map(start).collect();
+    lines(flight, paths).into_iter().chain(starts).collect()
+}
+
+/// The places of a vehicle from one sample to another, interrupted while its agent did not run.
+fn path(flight: &Flight<'_>, index: usize, first: usize, last: usize) -> Vec<Vec<[f64; 2]>> {
+    let steps = &flight.seen[index][first..=last];
+    pieces(steps.iter().map(|step| step.map(|step| place_on_map(step.trace.position))))
+}
+
+/// A line for the path of each vehicle.
+fn lines(flight: &Flight<'_>, paths: Vec<Vec<Vec<[f64; 2]>>>) -> Vec<Item> {
+    let (width_px, opacity) = if flight.count() <= NAMED { (1.2, 0.75) } else { (0.7, 0.3) };
+    let line = |(index, path)| {
+        let line = Item::line(path, colour(flight, index).faint(opacity)).wide(width_px);
+        line.meaning("Coloured lines: the paths of the vehicles")
+    };
+    paths.into_iter().enumerate().map(line).collect()
+}
+
+/// A cross with the vehicle's number where the path of a vehicle ends because its agent ended, whether or not another agent
+/// continues it later.
+fn ended_trails(flight: &Flight<'_>, first: usize, last: usize) -> Vec<Item> {
     let mut items = Vec::new();
     for index in 0..flight.count() {
-        let path = path(index);
-        let beginning = path.first().and_then(|piece| piece.first()).copied();
-        items.push(Item::line(path, colour(flight, index).faint(opacity)).wide(width_px));
-        let dot = Shape::Dots { at: beginning.into_iter().collect(), marker: Marker::Circle, size_px: 4.0 };
-        items.extend(with_beginning.then(|| Item::new(dot, colour(flight, index))));
+        let steps = &flight.seen[index][first..=last];
+        // Vehicles that leave after their landing have ended as they should.
+        let ends = steps.windows(2).filter_map(|pair| match pair {
+            [Some(step), None] if step.trace.membership != Membership::Left => Some(place_on_map(step.trace.position)),
+            _ => None,
+        });
+        for at in ends {
+            let cross = Shape::Dots { at: vec![at], marker: Marker::Cross, size_px: 13.0 };
+            let meaning = "Bold crosses: here the agent of the numbered vehicle ended";
+            items.push(Item::new(cross, Colour::BLACK).meaning(meaning));
+            let text = flight.id(index).to_string();
+            items.push(Item::new(Shape::Note { at, text, side: [1.0, 1.0] }, Colour::BLACK));
+        }
     }
     items
 }
 
+/// The colour of a vehicle on maps.
 fn colour(flight: &Flight<'_>, index: usize) -> Colour {
-    if flight.is_few() { Colour::nth(index) } else { Colour::BLUE }
+    if flight.count() <= NAMED { Colour::nth(index) } else { Colour::BLUE }
 }
 
-/// All vehicles at their positions; a cross marks a vehicle that has left the formation.
+/// All vehicles at their positions, with their numbers if they are few; a grey cross marks a vehicle that has left the
+/// formation.
 fn vehicles(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     let centre = flight.centre_ne_m(sample).map_or([0.0; 2], on_map);
     let mut items = Vec::new();
     for (index, trace) in flight.at(sample) {
         let at = place_on_map(trace.position);
         let is_member = flies_in_formation(trace);
-        let (colour, marker) = match is_member {
-            true if flight.is_few() => (Colour::nth(index), Marker::nth(index)),
-            true => (Colour::BLUE, Marker::Circle),
-            false => (Colour::GREY, Marker::Cross),
+        let is_named = flight.count() <= NAMED;
+        let (colour, marker, meaning) = match is_member {
+            true if is_named => (colour(flight, index), Marker::nth(index), "Large markers: the numbered vehicles"),
+            true => (Colour::BLUE, Marker::Circle, "Large dots: the vehicles"),
+            false => (Colour::GREY, Marker::Cross, "Grey crosses: vehicles out of the formation"),
         };
-        let size_px = if flight.is_few() { 11.0 } else { 6.0 };
-        items.push(Item::new(Shape::Dots { at: vec![at], marker, size_px }, colour));
-        if flight.is_few() || !is_member {
+        let size_px = if is_named { 11.0 } else { 6.0 };
+        items.push(Item::new(Shape::Dots { at: vec![at], marker, size_px }, colour).meaning(meaning));
+        if is_named || !is_member {
             let text = flight.id(index).to_string();
             let text = if is_member { text } else { format!("{text}, out") };
             let side = [at[0] - centre[0], at[1] - centre[1]];
@@ -145,14 +221,17 @@ pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Drawing> {
         return Some(one_by_one(flight, &samples));
     }
     let mut panel = map();
+    panel.items.extend(airspace(flight));
     panel.items.push(centre_path(flight));
-    panel.items.extend(trails(flight, 0, *samples.last()?, true));
+    let last = *samples.last()?;
+    panel.items.extend(trails(flight, 0, last));
     for &sample in &samples {
         panel.items.extend(ellipses(flight, sample));
         panel.items.extend(vehicles_small(flight, sample));
     }
+    panel.items.extend(ended_trails(flight, 0, last));
     panel.items.extend(times(flight, &samples, &discs));
-    let caption = "The swarm at some instants, with the ellipse and its band, and the paths of the centre (broken) and of the vehicles.";
+    let caption = "The swarm from above at some instants, each with its time.";
     Some(flight.figure("snapshots", "Snapshots along the path", caption, 640.0, vec![panel]))
 }
 
@@ -194,15 +273,18 @@ fn one_by_one(flight: &Flight<'_>, samples: &[usize]) -> Drawing {
         let step = flight.leading_step(sample);
         let name = step.and_then(|step| flight.leg(step)).and_then(|leg| leg.name.as_deref()).unwrap_or_default();
         panel.title = format!("{:.0} s\u{a0} {name}", flight.times_s[sample]);
-        panel.items = ellipses(flight, sample);
-        panel.items.extend(trails(flight, before, sample, false));
+        panel.items = airspace(flight);
+        panel.items.extend(ellipses(flight, sample));
+        let since: Vec<_> = (0..flight.count()).map(|index| path(flight, index, before, sample)).collect();
+        panel.items.extend(lines(flight, since));
         panel.items.extend(vehicles_small(flight, sample));
+        panel.items.extend(ended_trails(flight, before, sample));
         let (column, row) = ((nth % 3) as f64, (nth / 3) as f64);
         panel.place = [column / columns, row / rows, (column + 1.0) / columns, (row + 1.0) / rows];
         panels.push(panel);
         before = sample;
     }
-    let caption = "The swarm before it leaves each place, with the ellipse and its band; lines: the paths since the panel before. Crosses: vehicles that have left the formation.";
+    let caption = "The swarm from above before it leaves each place, with the paths since the panel before.";
     flight.figure("snapshots", "Snapshots along the path", caption, 50.0 + rows * 300.0, panels)
 }
 
@@ -213,6 +295,10 @@ fn vehicles_small(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     for item in &mut items {
         if let Shape::Dots { size_px, .. } = &mut item.shape {
             *size_px = size_px.min(7.0);
+        }
+        // Without numbers.
+        if item.meaning.as_deref().is_some_and(|meaning| meaning.starts_with("Large")) {
+            item.meaning = Some("Larger dots and markers: the vehicles".to_owned());
         }
     }
     items
@@ -249,7 +335,7 @@ fn instants(flight: &Flight<'_>) -> Vec<usize> {
 
 fn centre_path(flight: &Flight<'_>) -> Item {
     let path = pieces((0..flight.times_s.len()).map(|sample| flight.centre_ne_m(sample).map(on_map)));
-    Item::line(path, Colour::GREY).wide(1.0).dashed()
+    Item::line(path, Colour::GREY).wide(1.0).dashed().meaning("Broken grey line: the path of the centre")
 }
 
 /// Draws the field of the law around the formation; `None` for laws without a field.
@@ -288,9 +374,7 @@ pub(super) fn field(flight: &Flight<'_>) -> Option<Drawing> {
         panel.items.push(Item::new(Shape::Arrows(arrows), Colour::of_amount(share + 0.1)).in_legend(name));
     }
     panel.items.extend(ellipses(flight, last));
-    panel.items.extend(
-        vehicles(flight, last).into_iter().filter(|item| flight.is_few() || matches!(item.shape, Shape::Dots { .. })),
-    );
+    panel.items.extend(vehicles(flight, last));
     let own = flight.id(own);
     let caption = format!(
         "The dimensionless field V of vehicle {own} at each place at {:.0} s, with the other vehicles at their positions. The length of an arrow grows with the root of |V|.",
@@ -312,19 +396,27 @@ pub(super) fn overview(flight: &Flight<'_>) -> Drawing {
     if !flight.has_one_place() {
         let last = flight.last_in_formation().unwrap_or(0);
         places = map();
+        places.items.extend(airspace(flight));
         places.items.push(centre_path(flight));
         places.items.extend(ellipses(flight, last));
         if last < flight.times_s.len() {
-            places.items.extend(trails(flight, 0, last, true));
+            places.items.extend(trails(flight, 0, last));
         }
-        places.items.extend(vehicles_small(flight, last));
+        places.items.extend(vehicles(flight, last));
+        if last < flight.times_s.len() {
+            places.items.extend(ended_trails(flight, 0, last));
+        }
     }
     places.place = [0.0, 0.0, 0.47, 1.0];
     let (mut distance, mut pairs) = (centre_distance_panel(flight), pair_distance_panel(flight));
     let has_pairs = flight.count() > 1;
     distance.place = [0.47, 0.0, 1.0, if has_pairs { 0.5 } else { 1.0 }];
     pairs.place = [0.47, 0.5, 1.0, 1.0];
-    let caption = "Left, the paths from above, with R* (solid) and the band's edges (broken). Right, the distance of every vehicle from the centre, and the distances between vehicles.";
+    let caption = if has_pairs {
+        "Left, the paths from above. Right, the distance of every vehicle from the formation's centre, and below it the distances between vehicles."
+    } else {
+        "Left, the path from above. Right, the distance of the vehicle from the formation's centre."
+    };
     let panels = if has_pairs { vec![places, distance, pairs] } else { vec![places, distance] };
     let mut figure = flight.figure("overview", "The flight at a glance", caption, 560.0, panels);
     figure.size_px[0] = WIDTH_PX + 80.0;

@@ -5,7 +5,7 @@ use skein_common::message::{EventKind, Order};
 
 use super::Flight;
 use crate::faults::InjectedFault;
-use crate::recording::NotedKind;
+use crate::recording::{NotedKind, Recording};
 use crate::report::figure::{Mark, Panel};
 
 /// Most marks that carry their texts; more marks carry numbers, and the caption lists their texts.
@@ -27,6 +27,12 @@ pub(super) fn with_marks(flight: &Flight<'_>, panel: Panel) -> (Panel, String) {
 
 /// The marks of the flight, in the order of time.
 fn marks(flight: &Flight<'_>) -> Vec<Mark> {
+    injected(flight.recording).into_iter().map(|(x, text)| Mark { x, text }).collect()
+}
+
+/// The faults that were injected and the orders that were given, each with its time, s. Those of one kind at about the same
+/// time are one.
+pub(in crate::report) fn injected(recording: &Recording) -> Vec<(f64, String)> {
     /// Faults of the same kind at about the same time.
     struct Sort {
         t_s: f64,
@@ -35,7 +41,7 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
     }
     let mut sorts: Vec<Sort> = Vec::new();
     let mut orders: Vec<Order> = Vec::new();
-    for noted in &flight.recording.noted {
+    for noted in &recording.noted {
         let (who, what) = match &noted.what {
             NotedKind::Fault(InjectedFault::Died(id)) => (Some(*id), "killed".to_owned()),
             NotedKind::Fault(InjectedFault::Restarted(id)) => (Some(*id), "restarted".to_owned()),
@@ -46,7 +52,7 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
             NotedKind::Fault(InjectedFault::DelayOver { .. }) => (None, "delay over".to_owned()),
             NotedKind::Event(_, EventKind::OrderTaken(order)) if !orders.contains(order) => {
                 orders.push(*order);
-                (None, format!("order: {}", order.verb))
+                (None, format!("order: {order}"))
             }
             NotedKind::Event(..) => continue,
         };
@@ -56,16 +62,16 @@ fn marks(flight: &Flight<'_>) -> Vec<Mark> {
         }
     }
     sorts.sort_by(|one, other| one.t_s.total_cmp(&other.t_s));
-    let mark = |sort: Sort| {
+    let text = |sort: Sort| {
         let who: Vec<_> = sort.who.iter().map(ToString::to_string).collect();
         let text = match who.len() {
             0 => sort.what,
             1..=4 => format!("{} {}", who.join(", "), sort.what),
             many => format!("{many} vehicles {}", sort.what),
         };
-        Mark { x: sort.t_s, text }
+        (sort.t_s, text)
     };
-    sorts.into_iter().map(mark).collect()
+    sorts.into_iter().map(text).collect()
 }
 
 #[cfg(test)]
@@ -74,7 +80,7 @@ mod tests {
 
     use super::*;
     use crate::metrics::Run;
-    use crate::recording::{Noted, Recording};
+    use crate::recording::Noted;
     use crate::report::figure::Axis;
 
     fn marked(noted: Vec<Noted>) -> (Vec<(f64, String)>, String) {

@@ -26,16 +26,17 @@ pub(super) fn timeline(flight: &Flight<'_>) -> Drawing {
     panel.items.extend(dots(flight, &row));
     let (panel, marked) = with_marks(flight, panel);
     let height_px = 150.0 + (26.0 * flight.count() as f64).min(560.0);
-    let caption = format!(
-        "The mission step of every vehicle, with its name or its number from 0. No bar: the agent does not run.{marked}"
-    );
+    let caption = format!("What every vehicle did over time. No bar: its agent does not run.{marked}");
     flight.figure("timeline", "Mission", caption, height_px, vec![panel])
 }
 
 /// Whether the vehicle does something else than fly its mission step in formation.
 fn is_out_of_formation(trace: &Trace) -> bool {
     trace.membership == Membership::Left
-        || matches!(trace.activity, Activity::Holding | Activity::Landing | Activity::Landed | Activity::Blind)
+        || matches!(
+            trace.activity,
+            Activity::Holding | Activity::Landing | Activity::Landed | Activity::Blind | Activity::Released
+        )
 }
 
 fn step_bars(flight: &Flight<'_>, step: u32, row: &impl Fn(usize) -> f64) -> Option<Item> {
@@ -50,7 +51,9 @@ fn step_bars(flight: &Flight<'_>, step: u32, row: &impl Fn(usize) -> f64) -> Opt
     let bars = bars(flight, row, &name, is_shown);
     // Neighbouring steps differ in lightness too.
     let opacity = if step.is_multiple_of(2) { 0.5 } else { 0.28 };
-    (!bars.is_empty()).then(|| Item::new(Shape::Bars(bars), Colour::nth(step as usize % 6).faint(opacity)))
+    let meaning = "Coloured bars: the step of the mission, with its name or its number from 0 where there is room";
+    let colour = Colour::nth(step as usize % 6).faint(opacity);
+    (!bars.is_empty()).then(|| Item::new(Shape::Bars(bars), colour).meaning(meaning))
 }
 
 fn grey_bars(

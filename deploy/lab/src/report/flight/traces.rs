@@ -43,8 +43,11 @@ fn band(flight: &Flight<'_>) -> Vec<Item> {
             |(low, high): (&Vec<[f64; 2]>, &Vec<[f64; 2]>)| low.iter().chain(high.iter().rev()).copied().collect();
         let area = inner.iter().zip(&outer).map(between).collect();
         items.push(Item::new(Shape::Area(area), Colour::PALE.faint(0.6)).in_legend("band, R_in to R_out"));
+        let edge = |line, name: &str| Item::line(line, Colour::GREY).wide(0.9).on_line(name);
+        items.push(edge(outer, "R_out"));
+        items.push(edge(inner, "R_in"));
     }
-    items.push(Item::line(middle, Colour::BLACK).wide(1.2).dashed().in_legend("R*"));
+    items.push(Item::line(middle, Colour::BLACK).wide(1.2).dashed().on_line("R*"));
     items
 }
 
@@ -52,7 +55,7 @@ pub(super) fn centre_distance(flight: &Flight<'_>) -> Drawing {
     let panel = with_marks(flight, centre_distance_panel(flight));
     let (panel, marked) = panel;
     let caption = format!(
-        "Distance of every member from its own estimate of the formation's centre, in the metric in which the ellipse is R*.{marked}"
+        "Distance of every member from its own estimate of the formation's centre, in the metric in which the ellipse is R*. A line for each vehicle has its number at its end; of many vehicles the least, the median and the largest value are drawn.{marked}"
     );
     flight.figure("centre-distance", "Distance from the centre", caption, 400.0, vec![panel])
 }
@@ -61,6 +64,7 @@ pub(super) fn centre_distance(flight: &Flight<'_>) -> Drawing {
 pub(super) fn pair_distance_panel(flight: &Flight<'_>) -> Panel {
     let mut panel = Panel::new(flight.time_axis(), Axis::new("distance apart", "m").including(0.0));
     panel.items = even_distances(flight);
+    panel.items.extend(limit_distances(flight));
     let count = flight.count();
     if count * (count.max(1) - 1) / 2 > FEW_PAIRS {
         panel.items.extend(flight.envelope("pairs", |sample| pairs_m(flight, sample)));
@@ -87,9 +91,23 @@ fn even_distances(flight: &Flight<'_>) -> Vec<Item> {
     let line = |chords: usize| {
         let distance_m = 2.0 * formation.radius_m * math::sin(PI * chords as f64 / count as f64);
         let line = Item::line(vec![ends.map(|t_s| [t_s, distance_m]).to_vec()], Colour::BLACK);
-        line.wide(1.0).dashed().in_legend("evenly spread on R*")
+        line.wide(1.0).dashed().on_line("evenly spread on R*")
     };
     (1..=count / 2).map(line).collect()
+}
+
+/// The distances that no pair may have: that of a collision, and that which the safety filter keeps.
+fn limit_distances(flight: &Flight<'_>) -> Vec<Item> {
+    let (Some(from_s), Some(to_s)) = (flight.times_s.first(), flight.times_s.last()) else { return Vec::new() };
+    let line = |distance_m: f64, name: String| {
+        let line = vec![vec![[*from_s, distance_m], [*to_s, distance_m]]];
+        Item::line(line, Colour::VERMILLION).wide(1.0).dashed().on_line(name)
+    };
+    let formation = &flight.scenario().formation;
+    let is_filtered = formation.safety_filter != SafetyFilter::None;
+    let safety = is_filtered.then_some(formation.safety_distance_m);
+    let safety = safety.map(|distance_m| line(distance_m, format!("safety distance, {distance_m} m")));
+    safety.into_iter().chain([line(COLLISION_M, format!("collision, {COLLISION_M} m"))]).collect()
 }
 
 pub(super) fn pair_distance(flight: &Flight<'_>) -> Option<Drawing> {
@@ -164,7 +182,7 @@ pub(super) fn histogram(values: &[f64], x: Axis) -> Panel {
     };
     let bars = counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect();
     let mut panel = Panel::new(x, Axis::new("share of samples", "%").including(0.0));
-    panel.items.push(Item::new(Shape::Bars(bars), Colour::BLUE));
+    panel.items.push(Item::new(Shape::Bars(bars), Colour::BLUE).meaning("Bars: the share of samples in each interval"));
     panel
 }
 

@@ -1,3 +1,5 @@
+use std::process::Output;
+
 use tempfile::TempDir;
 
 use super::*;
@@ -65,12 +67,15 @@ fn a_unit_is_written_once_and_removed_again() {
         host.calls(),
         [
             format!("systemctl --user reset-failed {unit}"),
+            format!("systemctl --user enable {unit}"),
             format!("systemctl --user start --no-block {unit}"),
+            format!("systemctl --user disable {unit}"),
             format!("systemctl --user stop --no-block {unit}"),
         ]
     );
     host.systemd.remove_service(&place.swarm, &node).unwrap();
-    assert_eq!(host.calls(), ["systemctl --user daemon-reload", "loginctl disable-linger"]);
+    let calls = [format!("systemctl --user disable {unit}"), "systemctl --user daemon-reload".to_owned()];
+    assert_eq!(host.calls(), [&calls[..], &["loginctl disable-linger".to_owned()]].concat());
     assert!(files::entries(&host.systemd.units).is_empty());
     host.systemd.remove_service(&place.swarm, &node).unwrap();
     assert!(host.calls().is_empty(), "no unit is left");
@@ -103,39 +108,72 @@ fn an_error_of_systemd_is_reported_with_its_own_message() {
 fn a_path_that_a_unit_cannot_contain_is_refused() {
     let host = Host::new(true);
     let place = Place { folder: "/home/a\"b/lab".into(), ..host.place() };
-    assert!(text(&place.swarm, &place.node("1".parse().unwrap())).is_err());
+    assert!(host.systemd.text(&place.swarm, &place.node("1".parse().unwrap())).is_err());
 }
 
-/// Verified by systemd itself; with `SKEIN_NAMESPACES=required` it must be available.
-#[test]
-fn the_unit_is_valid() {
-    let host = Host::new(true);
+/// A tool of systemd on a unit; `None`, with a message, if it is missing. With `SKEIN_NAMESPACES=required` it must be there.
+fn analyze(arguments: &[&str], unit: &Path) -> Option<Output> {
+    let output = Command::new("systemd-analyze").args(arguments).arg(unit).output().ok();
+    if output.is_none() {
+        let missing = "systemd-analyze was not found";
+        assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{missing}");
+        eprintln!("not verified: {missing}");
+    }
+    output
+}
+
+/// Installs the unit of a node whose program exists, because systemd looks for it.
+fn installed(host: &Host) -> PathBuf {
     let (place, node) = (host.place(), host.node());
     host.systemd.install_service(&place.swarm, &node).unwrap();
-    let unit = host.systemd.units.join(unit(&place.swarm, &node));
-    let verify = |unit: &Path| Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(unit).output();
-    // The program must exist at the path in the unit.
     let install = node.install(&Installed { release: "r1".to_owned(), bundle: "00".to_owned() });
     for folder in [&install, &node.run()] {
         fs::create_dir_all(folder).unwrap();
     }
     os::symlink(Path::new("/bin/true"), &install.join("skein")).unwrap();
     os::symlink(&Path::new("../installs").join(install.file_name().unwrap()), &node.active()).unwrap();
-    let Ok(verified) = verify(&unit) else {
-        let missing = "systemd-analyze was not found";
-        assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{missing}");
-        return eprintln!("not verified: {missing}");
-    };
-    let output = String::from_utf8_lossy(&verified.stderr).into_owned();
-    assert!(verified.status.success() && !output.contains("skein"), "{output}");
-    // The verification does find faults.
-    let text = fs::read_to_string(&unit).unwrap();
-    for (right, wrong) in
-        [("run/active", "run/gone"), ("KillMode=mixed", "KillMode=mixde"), ("WatchdogSec", "Watchdog")]
-    {
-        fs::write(&unit, text.replace(right, wrong)).unwrap();
-        let verified = verify(&unit).unwrap();
+    host.systemd.units.join(unit(&place.swarm, &node))
+}
+
+#[test]
+fn the_unit_is_valid() {
+    for is_users in [true, false] {
+        let host = Host::new(is_users);
+        let unit = installed(&host);
+        let verify = || analyze(&["verify", "--man=no"], &unit);
+        let Some(verified) = verify() else { return };
         let output = String::from_utf8_lossy(&verified.stderr).into_owned();
-        assert!(output.contains("skein-lab-3.service"), "{wrong}: {output}");
+        assert!(verified.status.success() && !output.contains("skein"), "{output}");
+        // The verification does find faults.
+        let text = fs::read_to_string(&unit).unwrap();
+        let faults = [
+            ("run/active", "run/gone"),
+            ("KillMode=mixed", "KillMode=mixde"),
+            ("WatchdogSec", "Watchdog"),
+            ("UMask=0", "UMask=x"),
+        ];
+        for (right, wrong) in faults {
+            fs::write(&unit, text.replace(right, wrong)).unwrap();
+            let output = String::from_utf8_lossy(&verify().unwrap().stderr).into_owned();
+            assert!(output.contains("skein-lab-3.service"), "{wrong}: {output}");
+        }
     }
+}
+
+/// The exposure that systemd computes is from 0 (no access) to 10 (all that root has).
+#[test]
+fn the_systems_unit_can_do_little_besides_flying() {
+    let host = Host::new(false);
+    let unit = installed(&host);
+    let exposure = |limit: &str| {
+        let threshold = format!("--threshold={limit}");
+        let found = analyze(&["security", "--offline=yes", "--no-pager", &threshold], &unit)?;
+        Some((found.status.success(), String::from_utf8_lossy(&found.stdout).into_owned()))
+    };
+    let Some((is_below, output)) = exposure("30") else { return };
+    assert!(is_below, "{output}");
+    let text = fs::read_to_string(&unit).unwrap();
+    fs::write(&unit, text.replace("CapabilityBoundingSet=", "#")).unwrap();
+    let (is_below, output) = exposure("30").unwrap();
+    assert!(!is_below, "root's capabilities count: {output}");
 }

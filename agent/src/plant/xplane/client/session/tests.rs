@@ -65,7 +65,7 @@ impl Bench {
 fn indices_are_distinct_and_of_one_session_only() {
     let draw = || Indices::draw(|bytes| SystemRandom::new().fill(bytes).is_ok()).unwrap();
     let (one, other) = (draw(), draw());
-    assert!(one.0.iter().all(|index| *index >= 0 && other.value(*index).is_none()), "{one:?} {other:?}");
+    assert!(one.values.iter().all(|index| *index >= 0 && other.value(*index).is_none()), "{one:?} {other:?}");
     for value in Value::ALL {
         assert_eq!(one.value(one.of(value)), Some(value));
     }
@@ -73,7 +73,9 @@ fn indices_are_distinct_and_of_one_session_only() {
 
 #[test]
 fn only_the_queried_simulator_knows_the_indices() {
-    let indices = Indices([5, 900, 17, 4000, 1000, 2000, 3000, 6000, 7000, 8000, 9000]);
+    let mut values = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16].map(|nth| 3000 + nth);
+    values[..5].copy_from_slice(&[5, 900, 17, 4000, 1000]);
+    let indices = Indices { values, first_question: 20_000 };
     let assess = |answer: &[i32]| indices.assess(answer.iter().copied());
     assert_eq!(assess(&[5, 900, 17, 1000]), Provenance::Proof);
     assert_eq!(assess(&[5, 900, 17, 1]), Provenance::Proof, "with a subscription of an earlier program on this port");

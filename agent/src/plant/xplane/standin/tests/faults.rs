@@ -86,6 +86,18 @@ fn a_replay_shows_the_past_and_the_flight_continues_afterwards() {
 }
 
 #[test]
+fn a_client_that_dies_leaves_its_overrides_and_its_last_controls() {
+    let mut bench = Bench::new(&[]);
+    let last = bench.climb(50);
+    // Five seconds without a datagram from it.
+    let later = *bench.positions(250).last().unwrap();
+    assert!(later.height_m > last.height_m + 1.0, "it climbs with the controls that it has: {last:?} {later:?}");
+    assert_eq!(bench.read("sim/operation/override/override_joystick"), Some(1.0));
+    let pitch = bench.read("sim/cockpit2/engine/actuators/prop_ratio[0]").unwrap();
+    assert!((pitch - 0.7).abs() < 1e-6, "{pitch}");
+}
+
+#[test]
 fn a_crashed_aircraft_lies_still_until_a_reset() {
     let mut bench = Bench::new(&[]);
     bench.climb(50);

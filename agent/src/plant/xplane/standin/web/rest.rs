@@ -127,13 +127,15 @@ async fn datarefs(State(shared): Web, Path(version): Path<String>, Query(pairs):
             "is_writable": dataref.is_writable(),
         })
     };
-    let all = Dataref::all().iter().enumerate().map(entry).collect();
+    let all = Dataref::all().iter().enumerate().filter(|(_, dataref)| dataref.is_in(&shared.acf));
+    let all = all.map(entry).collect();
     page(all, &pairs, |name| Fault::missing("invalid_dataref_name", format!("Dataref {name} doesn't exist")))
 }
 
-async fn count_datarefs(Path(version): Path<String>) -> Reply {
+async fn count_datarefs(State(shared): Web, Path(version): Path<String>) -> Reply {
     check_version(&version, 1)?;
-    Ok(Json(json!({ "data": Dataref::all().len() })))
+    let all = Dataref::all().iter().filter(|dataref| dataref.is_in(&shared.acf));
+    Ok(Json(json!({ "data": all.count() })))
 }
 
 async fn commands(State(shared): Web, Path(version): Path<String>, Query(pairs): Pairs) -> Reply {

@@ -1,0 +1,54 @@
+//! A human pilot of the built-in plant: what flies a vehicle that its agent has released and that no person can fly.
+
+use skein_common::frame::Origin;
+use skein_common::scenario::Scenario;
+
+use crate::aircraft::Aircraft;
+use crate::control::{Controller, Rules, Setpoint};
+use crate::estimate::Estimate;
+use crate::helicopter::TICK_S;
+use crate::plant::{Command, Frame, Measurement};
+
+/// Keeps the velocity and the altitude at which it gets the controls, as a pilot does who watches first. It has controls of
+/// its own, so that the agent finds them in other positions than it left them.
+#[derive(Clone, Debug)]
+pub struct SimulatedPilot {
+    origin: Origin,
+    controller: Controller,
+    /// What it keeps; `None` while the agent has the controls.
+    keeps: Option<Setpoint>,
+}
+
+impl SimulatedPilot {
+    /// The pilot of this aircraft of a scenario, with the rules of a helicopter's controller.
+    pub fn new(scenario: &Scenario, aircraft: &Aircraft, rules: &Rules) -> Self {
+        Self {
+            origin: Origin::new(scenario.origin.geodetic()),
+            controller: Controller::new(scenario, rules.clone(), aircraft.trim, aircraft.gains),
+            keeps: None,
+        }
+    }
+
+    /// What moves the vehicle in this frame: the agent's command, or the pilot's where the agent has released the vehicle.
+    pub fn fly(&mut self, command: Option<Command>, frame: impl FnOnce() -> Frame) -> Option<Command> {
+        if command != Some(Command::Release) {
+            self.keeps = None;
+            return command;
+        }
+        let estimate = self.estimate(&frame().measurement);
+        let keeps = self.keeps.get_or_insert_with(|| Setpoint {
+            relative_velocity_ne_m_s: estimate.velocity.horizontal(),
+            feedforward_ne_m_s: Default::default(),
+            altitude_m: estimate.position.altitude_m(),
+            heading_rad: estimate.attitude.heading_rad,
+        });
+        Some(self.controller.step(TICK_S, &estimate, keeps).command)
+    }
+
+    fn estimate(&self, measurement: &Measurement) -> Estimate {
+        let &Measurement { position, height_m, velocity, attitude, rates, rotor_speed_rad_s } = measurement;
+        let geodetic = position;
+        let position = self.origin.ned_from_geodetic(&geodetic);
+        Estimate { position, geodetic, height_m, velocity, attitude, rates, rotor_speed_rad_s }
+    }
+}

@@ -1,0 +1,169 @@
+//! Limits what one network or one certificate can take of a listening agent, so that a stranger or a stolen key leaves
+//! enough for the other hosts: handshakes that are pending, handshakes in a second, and links.
+
+use std::collections::BTreeMap;
+use std::net::{IpAddr, Ipv6Addr};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// Handshakes a second that one network may begin on average, and at once. A handshake costs about a millisecond of one
+/// core. Several agents may share a host, and each of them dials at the start; a refused one dials again.
+const HANDSHAKES_PER_S: f64 = 32.0;
+const HANDSHAKES_AT_ONCE: f64 = 64.0;
+/// The same limits for all networks together.
+const ALL_HANDSHAKES_PER_S: f64 = 200.0;
+const ALL_HANDSHAKES_AT_ONCE: f64 = 256.0;
+/// Largest number of networks whose rate is remembered.
+const MAX_NETWORKS: usize = 4096;
+
+/// The network of an address, as far as one host may choose its address freely: an IPv4 address, or a /64 of IPv6.
+pub(super) fn network(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V4(address) => address.into(),
+        IpAddr::V6(address) => {
+            let [a, b, c, d, ..] = address.segments();
+            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
+        }
+    }
+}
+
+/// Counts what is in use, by key.
+pub(super) struct Quota<K>(Mutex<BTreeMap<K, usize>>);
+
+/// One use, which ends when this is dropped.
+pub(super) struct QuotaUse<K: Ord + Clone> {
+    quota: Arc<Quota<K>>,
+    key: K,
+}
+
+impl<K: Ord + Clone> Quota<K> {
+    pub(super) fn new() -> Arc<Self> {
+        Arc::new(Self(Mutex::new(BTreeMap::new())))
+    }
+
+    /// Takes one use for this key. Returns `None` if the key has `most` already, or all keys together have `most_of_all`.
+    pub(super) fn take(self: &Arc<Self>, key: K, most: usize, most_of_all: usize) -> Option<QuotaUse<K>> {
+        let mut counts = self.lock();
+        if counts.values().sum::<usize>() >= most_of_all || counts.get(&key).is_some_and(|count| *count >= most) {
+            return None;
+        }
+        *counts.entry(key.clone()).or_default() += 1;
+        Some(QuotaUse { quota: self.clone(), key })
+    }
+
+    /// Locks the counts. No holder can panic, so poisoning is ignored.
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<K, usize>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<K: Ord + Clone> Drop for QuotaUse<K> {
+    fn drop(&mut self) {
+        let mut counts = self.quota.lock();
+        counts.entry(self.key.clone()).and_modify(|count| *count -= 1);
+        counts.retain(|_, count| *count > 0);
+    }
+}
+
+/// Limits the rate of handshakes of each network and of all networks together.
+pub(super) struct HandshakeRate {
+    of_network: BTreeMap<IpAddr, TokenBucket>,
+    of_all: TokenBucket,
+}
+
+impl HandshakeRate {
+    pub(super) fn new(now: Instant) -> Self {
+        Self { of_network: BTreeMap::new(), of_all: TokenBucket { tokens: ALL_HANDSHAKES_AT_ONCE, at: now } }
+    }
+
+    /// Whether a host of this network may begin a handshake now.
+    pub(super) fn allows(&mut self, network: IpAddr, now: Instant) -> bool {
+        if self.of_network.len() >= MAX_NETWORKS && !self.of_network.contains_key(&network) {
+            // A full bucket is that of a network that was never seen.
+            self.of_network
+                .retain(|_, bucket| bucket.fill(now, HANDSHAKES_PER_S, HANDSHAKES_AT_ONCE) < HANDSHAKES_AT_ONCE);
+            if self.of_network.len() >= MAX_NETWORKS {
+                return false;
+            }
+        }
+        let own = self.of_network.entry(network).or_insert(TokenBucket { tokens: HANDSHAKES_AT_ONCE, at: now });
+        let has_own = own.fill(now, HANDSHAKES_PER_S, HANDSHAKES_AT_ONCE) >= 1.0;
+        // A network above its own limit takes nothing from the others.
+        if has_own && self.of_all.fill(now, ALL_HANDSHAKES_PER_S, ALL_HANDSHAKES_AT_ONCE) >= 1.0 {
+            own.tokens -= 1.0;
+            self.of_all.tokens -= 1.0;
+            return true;
+        }
+        false
+    }
+}
+
+/// A token bucket: it fills at a constant rate up to its size.
+struct TokenBucket {
+    tokens: f64,
+    at: Instant,
+}
+
+impl TokenBucket {
+    /// Adds the tokens since the last call, and returns how many there are.
+    fn fill(&mut self, now: Instant, per_s: f64, size: f64) -> f64 {
+        let since = now.saturating_duration_since(self.at);
+        self.at = now;
+        self.tokens = (self.tokens + since.as_secs_f64() * per_s).min(size);
+        self.tokens
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use skein_host::clock::now;
+
+    use super::*;
+
+    fn ip(text: &str) -> IpAddr {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn one_key_cannot_use_the_whole_quota() {
+        let quota = Quota::new();
+        let mut taken: Vec<_> = (0..9).filter_map(|_| quota.take(ip("10.0.0.9"), 4, 6)).collect();
+        assert_eq!(taken.len(), 4);
+        let others: Vec<_> = (0..9).filter_map(|_| quota.take(ip("10.0.0.11"), 4, 6)).collect();
+        assert_eq!(others.len(), 2, "six for all keys together");
+        taken.pop();
+        assert!(quota.take(ip("10.0.0.9"), 4, 6).is_some(), "one of its uses has ended");
+        drop((taken, others));
+        assert!(quota.lock().is_empty(), "a key without uses is forgotten");
+    }
+
+    #[test]
+    fn addresses_of_one_ipv6_subnet_are_one_network() {
+        assert_eq!(network(ip("2001:db8::1")), network(ip("2001:db8::ffff:1")));
+        assert_ne!(network(ip("2001:db8::1")), network(ip("2001:db8:0:1::1")));
+        assert_ne!(network(ip("10.0.0.1")), network(ip("10.0.0.2")));
+        assert_eq!(network(ip("::ffff:10.0.0.1")), ip("10.0.0.1"), "an IPv4 address in IPv6 form");
+    }
+
+    /// One second of seven thousand connections from one network, and one of another host in the middle.
+    #[test]
+    fn a_flood_of_handshakes_leaves_room_for_another_host() {
+        let begin = now();
+        let mut rate = HandshakeRate::new(begin);
+        let at = |nth: u32| begin + Duration::from_secs(1) * nth / 7000;
+        let mut allowed = 0;
+        for nth in 0..7000 {
+            allowed += u32::from(rate.allows(ip("10.0.0.9"), at(nth)));
+            assert!(nth != 3500 || rate.allows(ip("10.0.0.11"), at(nth)), "the other host");
+        }
+        assert!((90..=97).contains(&allowed), "{allowed} of one network: 64 at once and 32 in a second");
+        // A flood from very many networks is limited as a whole, in handshakes and in memory.
+        let many = (0..20_000_u32).filter(|nth| rate.allows(IpAddr::from((0x0a01_0000 + nth).to_be_bytes()), at(7000)));
+        assert!(many.count() <= ALL_HANDSHAKES_AT_ONCE as usize);
+        assert!(rate.of_network.len() <= MAX_NETWORKS);
+        let later = at(7000) + Duration::from_secs(3);
+        assert!(rate.allows(ip("10.9.9.9"), later), "three seconds later the memory is free again");
+    }
+}

@@ -1,0 +1,242 @@
+//! The channels of a flight: the same for a recording and for a live server, so that a program that reads one reads the other.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use foxglove::Encode;
+use foxglove::messages::{FrameTransforms, LocationFix, Log, SceneUpdate};
+use serde::Serialize;
+use serde_json::Value;
+use skein_common::frame::Origin;
+use skein_common::id::VehicleId;
+use skein_common::message::{EventKind, Header, Message, Trace};
+use skein_common::scenario::{Formation, Scenario};
+use skein_common::state::Membership;
+
+use super::format::{self, EventLine, FaultLine, seconds_since};
+use super::{RecordError, scene, schema};
+use crate::faults::InjectedFault;
+
+/// Time after which a silent vehicle no longer determines the drawn centre, s.
+const SILENT_S: f64 = 1.0;
+
+/// Where the messages of the channels go: into a file, or to the clients of a live server.
+pub trait Sink {
+    /// Adds a schema: its name, its encoding and its definition. Returns its number.
+    ///
+    /// # Errors
+    /// The schema cannot be written.
+    fn add_schema(&mut self, name: &str, encoding: &str, data: &[u8]) -> Result<u16, RecordError>;
+
+    /// Adds a channel whose messages have this schema and encoding. Returns its number.
+    ///
+    /// # Errors
+    /// The channel cannot be written.
+    fn add_channel(&mut self, topic: &str, schema: u16, encoding: &str) -> Result<u16, RecordError>;
+
+    /// Whether a message of this channel has a reader. A message without one is not even encoded.
+    fn is_read(&self, _channel: u16) -> bool {
+        true
+    }
+
+    /// Takes a message of a channel, with its log time in nanoseconds.
+    fn put(&mut self, channel: u16, log_time_ns: u64, message: &[u8]);
+}
+
+/// The channels of one swarm's flight. Every message goes to the sink at once.
+pub struct Channels<S> {
+    sink: S,
+    numbers: Numbers,
+    origin: Origin,
+    ids: Vec<VehicleId>,
+    /// The formation of each step of the mission.
+    formations: Vec<Formation>,
+    /// Log time at which each active member was last observed as one, ns.
+    members: BTreeMap<VehicleId, u64>,
+    /// The step whose formation was drawn last.
+    drawn: Option<u32>,
+    /// Number of steps that were refused because of impossible values.
+    refused: u64,
+    bytes: Vec<u8>,
+}
+
+/// The number of each channel.
+struct Numbers {
+    traces: BTreeMap<VehicleId, u16>,
+    locations: BTreeMap<VehicleId, u16>,
+    events: u16,
+    faults: u16,
+    transforms: u16,
+    vehicles: u16,
+    formation: u16,
+    log: u16,
+}
+
+impl<S: Sink> Channels<S> {
+    /// Adds the channels of a swarm that flies this scenario.
+    ///
+    /// # Errors
+    /// The sink does not take a channel.
+    pub fn new(mut sink: S, scenario: &Scenario) -> Result<Self, RecordError> {
+        Ok(Self {
+            numbers: Numbers::new(&mut sink, scenario)?,
+            sink,
+            origin: Origin::new(scenario.origin.geodetic()),
+            ids: scenario.ids().collect(),
+            formations: scenario.mission.steps.iter().map(|step| step.formation.clone()).collect(),
+            members: BTreeMap::new(),
+            drawn: None,
+            refused: 0,
+            bytes: Vec::new(),
+        })
+    }
+
+    /// Draws the vehicles, and the formation with the next step of a vehicle: at the beginning, and again for a new reader.
+    pub fn draw(&mut self, log_time_ns: u64) {
+        self.drawn = None;
+        let vehicles = scene::vehicles(scene::timestamp(log_time_ns), self.ids.iter().copied());
+        self.put_foxglove(Some(self.numbers.vehicles), log_time_ns, || vehicles);
+    }
+
+    /// Publishes a step of a vehicle. A step with impossible values is only counted.
+    pub fn step(&mut self, log_time_ns: u64, trace: &Trace) {
+        if !trace.is_plausible() {
+            self.refused += 1;
+            return;
+        }
+        let (id, time) = (trace.header.sender, scene::timestamp(log_time_ns));
+        self.put_json(self.numbers.traces.get(&id).copied(), log_time_ns, trace);
+        let transform = || scene::vehicle_transform(time, trace);
+        self.put_foxglove(Some(self.numbers.transforms), log_time_ns, transform);
+        if let Some(channel) = self.numbers.locations.get(&id).copied().filter(|channel| self.sink.is_read(*channel)) {
+            let location = scene::location(time, &self.origin, trace);
+            self.put_foxglove(Some(channel), log_time_ns, || location);
+        }
+        self.draw_formation(log_time_ns, trace);
+    }
+
+    /// Publishes an event that a vehicle reported of itself, with the header of its message if it came over the network.
+    pub fn event(&mut self, log_time_ns: u64, sender: VehicleId, header: Option<&Header>, what: &EventKind) {
+        let text = what.to_string();
+        self.note(log_time_ns, matches!(what, EventKind::Failed(_)), format!("vehicle {sender}"), text.clone());
+        let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
+        let line = EventLine { vehicle: sender, incarnation, sequence, text: text.into(), what: *what };
+        self.put_json(Some(self.numbers.events), log_time_ns, &line);
+    }
+
+    /// Publishes a fault that was injected into the swarm.
+    pub fn fault(&mut self, log_time_ns: u64, fault: &InjectedFault) {
+        let text = fault.to_string();
+        self.note(log_time_ns, true, "swarm".to_owned(), text.clone());
+        let line = FaultLine { vehicle: format::vehicle_of(fault), text: text.into(), what: Cow::Borrowed(fault) };
+        self.put_json(Some(self.numbers.faults), log_time_ns, &line);
+    }
+
+    /// Publishes a line of the log, from source `who`.
+    pub fn note(&mut self, log_time_ns: u64, is_bad: bool, who: String, what: String) {
+        let line = || scene::line(scene::timestamp(log_time_ns), is_bad, who, what);
+        self.put_foxglove(Some(self.numbers.log), log_time_ns, line);
+    }
+
+    /// Number of steps that were refused because of impossible values.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// Where the messages go.
+    pub fn sink(&self) -> &S {
+        &self.sink
+    }
+
+    /// Where the messages go.
+    pub fn sink_mut(&mut self) -> &mut S {
+        &mut self.sink
+    }
+
+    /// Ends the channels and returns where the messages went.
+    pub fn into_sink(self) -> S {
+        self.sink
+    }
+
+    /// Draws the centre by the estimate of the active member with the lowest id, and the formation there when it
+    /// changes.
+    fn draw_formation(&mut self, log_time_ns: u64, trace: &Trace) {
+        let id = trace.header.sender;
+        match trace.membership {
+            Membership::Active => self.members.insert(id, log_time_ns),
+            Membership::Joining | Membership::Left => self.members.remove(&id),
+        };
+        self.members.retain(|_, seen_ns| seconds_since(*seen_ns, log_time_ns) < SILENT_S);
+        if self.members.keys().next() != Some(&id) {
+            return;
+        }
+        let Some(formation) = self.formations.get(trace.step as usize) else { return };
+        let time = scene::timestamp(log_time_ns);
+        let centre = scene::centre_transform(time, trace.centre_ne_m, formation.altitude_m);
+        let drawing = (self.drawn != Some(trace.step)).then(|| scene::formation(time, formation));
+        self.put_foxglove(Some(self.numbers.transforms), log_time_ns, || centre);
+        if let Some(drawing) = drawing {
+            self.drawn = Some(trace.step);
+            self.put_foxglove(Some(self.numbers.formation), log_time_ns, || drawing);
+        }
+    }
+
+    /// Puts a message on a channel. A vehicle outside this swarm has no channel.
+    fn put_json(&mut self, channel: Option<u16>, log_time_ns: u64, message: &impl Serialize) {
+        let Some(channel) = channel.filter(|channel| self.sink.is_read(*channel)) else { return };
+        self.bytes.clear();
+        // Our messages are structs of finite numbers and texts: serialising them cannot fail.
+        if serde_json::to_writer(&mut self.bytes, message).is_ok() {
+            self.sink.put(channel, log_time_ns, &self.bytes);
+        }
+    }
+
+    fn put_foxglove<M: Encode>(&mut self, channel: Option<u16>, log_time_ns: u64, message: impl FnOnce() -> M) {
+        let Some(channel) = channel.filter(|channel| self.sink.is_read(*channel)) else { return };
+        self.bytes.clear();
+        // Encoding into growing memory cannot fail.
+        if message().encode(&mut self.bytes).is_ok() {
+            self.sink.put(channel, log_time_ns, &self.bytes);
+        }
+    }
+}
+
+impl Numbers {
+    fn new(sink: &mut impl Sink, scenario: &Scenario) -> Result<Self, RecordError> {
+        let trace = json_schema(sink, schema::TRACE, &schema::trace())?;
+        let event = json_schema(sink, schema::EVENT, &schema::event())?;
+        let fault = json_schema(sink, schema::FAULT, &schema::fault())?;
+        let location = foxglove_schema::<LocationFix>(sink)?;
+        let transforms = foxglove_schema::<FrameTransforms>(sink)?;
+        let scene = foxglove_schema::<SceneUpdate>(sink)?;
+        let log = foxglove_schema::<Log>(sink)?;
+        let mut channel = |topic: &str, (schema, encoding): Schema| sink.add_channel(topic, schema, encoding);
+        let (mut traces, mut locations) = (BTreeMap::new(), BTreeMap::new());
+        for id in scenario.ids() {
+            traces.insert(id, channel(&format::trace_topic(id), trace)?);
+            locations.insert(id, channel(&format::location_topic(id), location)?);
+        }
+        Ok(Self {
+            traces,
+            locations,
+            events: channel(format::EVENTS, event)?,
+            faults: channel(format::FAULTS, fault)?,
+            transforms: channel(format::TRANSFORMS, transforms)?,
+            vehicles: channel(format::VEHICLES, scene)?,
+            formation: channel(format::FORMATION, scene)?,
+            log: channel(format::LOG, log)?,
+        })
+    }
+}
+
+/// The number of a schema with the encoding of its messages.
+type Schema = (u16, &'static str);
+
+fn json_schema(sink: &mut impl Sink, name: &str, schema: &Value) -> Result<Schema, RecordError> {
+    Ok((sink.add_schema(name, "jsonschema", schema.to_string().as_bytes())?, "json"))
+}
+
+fn foxglove_schema<M: Encode>(sink: &mut impl Sink) -> Result<Schema, RecordError> {
+    let schema = M::get_schema().ok_or(RecordError::Missing("a schema"))?;
+    Ok((sink.add_schema(&schema.name, &schema.encoding, &schema.data)?, "protobuf"))
+}

@@ -1,0 +1,361 @@
+//! The verdict at the head of a report: what flew, whether it kept its limits, and what went wrong, when, with which vehicle
+//! and after which fault.
+
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::message::{EventKind, Trace};
+use skein_common::scenario::{self, Source};
+use skein_common::state::Membership;
+
+use super::page::{Line, Tone};
+use crate::compare::folder::{Flown, Folder};
+use crate::faults::InjectedFault;
+use crate::metrics::limits::{self, Bound, Limit};
+use crate::metrics::{AIRBORNE_ABOVE_M, COLLISION_M, CrashDetector, Measured, Run, figures};
+use crate::recording::{NotedKind, Recording, Track};
+use crate::study::{self, rounded};
+
+/// Most reports of vehicles that a verdict lists.
+const MOST_REPORTS: usize = 12;
+/// Most faults that a verdict lists.
+const MOST_FAULTS: usize = 12;
+/// Reports of several vehicles within this time are one, s.
+const TOGETHER_S: f64 = 5.0;
+/// The last fault before a collision or a crash is named as what preceded it if it is not older than this, s.
+const PRECEDES_S: f64 = 120.0;
+/// How much shorter than its scenario a flight may be, s: the last step is a little before the end.
+const EARLY_S: f64 = 1.0;
+
+/// A line that is neither good nor bad.
+fn plain(text: impl Into<String>) -> Line {
+    Line { tone: Tone::Plain, text: text.into() }
+}
+
+/// A line about whether something is as it should be.
+fn judged(is_good: bool, text: impl Into<String>) -> Line {
+    Line { tone: if is_good { Tone::Good } else { Tone::Bad }, text: text.into() }
+}
+
+/// The verdict on one flight; `measured` are its figures, if they are at hand.
+pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line> {
+    let Recording { scenario, run, .. } = recording;
+    let duration_s = measured.and_then(|run| run.figures.get("duration_s").copied().flatten());
+    let duration_s = duration_s.or_else(|| last_s(recording));
+    let mut lines = vec![plain(what_flew(run, duration_s))];
+    let collisions = collisions(recording);
+    let crashes = crashes(recording);
+    match measured {
+        Some(measured) => {
+            lines.push(result(measured));
+            lines.extend(kept_limits(scenario, measured));
+        }
+        None => {
+            let nothing = collisions.is_empty() && crashes.is_empty();
+            let text = if nothing { "The recording shows no collision and no crash." } else { "This flight failed." };
+            lines.push(judged(nothing, text));
+        }
+    }
+    lines.extend(collisions);
+    let seen = crashes.len();
+    lines.extend(crashes);
+    lines.extend(measured.and_then(|measured| unseen_crashes(recording, measured, seen)));
+    lines.extend(injected(recording));
+    lines.extend(reported(recording));
+    lines
+}
+
+/// When the last step was recorded, s.
+fn last_s(recording: &Recording) -> Option<f64> {
+    recording.tracks.iter().filter_map(|track| track.steps.last()).map(|step| step.t_s).reduce(f64::max)
+}
+
+/// A sentence about what flew.
+fn what_flew(run: &Run, duration_s: Option<f64>) -> String {
+    let vehicles = if run.vehicles == 1 { "1 vehicle".to_owned() } else { format!("{} vehicles", run.vehicles) };
+    let time = if run.target == "study" { "virtual time" } else { "real time" };
+    let duration = duration_s.map_or_else(String::new, |duration_s| format!(" for {duration_s:.0} s"));
+    format!("{vehicles} flew the scenario {} with the law {}{duration} in {time}.", run.scenario, run.law)
+}
+
+/// Whether a flight did what every flight should.
+fn result(run: &Measured) -> Line {
+    let failures: Vec<&str> = study::failures(run).map(|text| text.strip_prefix("with ").unwrap_or(text)).collect();
+    match failures.as_slice() {
+        [] => judged(true, sentence(&study::achievements(&[run]).join(", "))),
+        failures => judged(false, format!("This flight failed: {}.", failures.join("; "))),
+    }
+}
+
+/// The text as a sentence.
+fn sentence(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| format!("{}{}.", first.to_uppercase(), letters.as_str()))
+}
+
+/// Whether the flight kept the limits of its scenario; `None` if it has none, or ended before its time.
+fn kept_limits(scenario: &scenario::Scenario, run: &Measured) -> Option<Line> {
+    let limits = limits::of(scenario)?;
+    let duration_s = run.figures.get("duration_s").copied().flatten()?;
+    if scenario.duration_s.is_some_and(|asked_s| duration_s < asked_s - EARLY_S) {
+        return Some(plain(format!("It ended after {duration_s:.0} s: too soon for the limits of this formation.")));
+    }
+    let broken: Vec<String> =
+        limits.iter().filter(|limit| !limit.is_kept(run)).map(|limit| beyond(limit, run)).collect();
+    Some(match broken.as_slice() {
+        [] => judged(true, format!("It kept all {} limits of this formation.", limits.len())),
+        broken => {
+            judged(false, format!("It broke {} of the {} limits: {}.", broken.len(), limits.len(), broken.join("; ")))
+        }
+    })
+}
+
+/// How a figure is beyond its limit.
+fn beyond(limit: &Limit, run: &Measured) -> String {
+    let value = run.figures.get(limit.key).copied().flatten().map_or_else(|| "never".to_owned(), rounded);
+    let (name, unit) = figures::of(limit.key).map_or((limit.key, ""), |figure| (figure.name, figure.unit));
+    let (bound, limit) = match limit.bound {
+        Bound::AtMost(limit) => ("at most", limit),
+        Bound::AtLeast(limit) => ("at least", limit),
+    };
+    format!("{name}: {value}, allowed {bound} {limit} {unit}")
+}
+
+/// A line for each pair that collided, with the time of its nearest approach.
+fn collisions(recording: &Recording) -> Vec<Line> {
+    let tracks: Vec<&Track> = recording.tracks.iter().filter(|track| !track.steps.is_empty()).collect();
+    let mut lines: Vec<(f64, Line)> = Vec::new();
+    for (nth, one) in tracks.iter().enumerate() {
+        for other in &tracks[..nth] {
+            let Some((t_s, distance_m)) = nearest(one, other).filter(|(_, least_m)| *least_m < COLLISION_M) else {
+                continue;
+            };
+            let after = preceding(recording, t_s, &[one.id, other.id]);
+            let text =
+                format!("Vehicles {} and {} collided: {distance_m:.1} m apart at {t_s:.0} s{after}.", other.id, one.id);
+            lines.push((t_s, judged(false, text)));
+        }
+    }
+    lines.sort_by(|one, other| one.0.total_cmp(&other.0));
+    lines.into_iter().map(|(_, line)| line).collect()
+}
+
+/// When two vehicles in the air were nearest to each other, s, and their distance then, m.
+fn nearest(one: &Track, other: &Track) -> Option<(f64, f64)> {
+    let apart_s = other.steps.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).fold(f64::INFINITY, f64::min);
+    let is_high = |trace: &Trace| trace.height_m > AIRBORNE_ABOVE_M;
+    let at = |step: &crate::recording::Step| {
+        let next = other.steps.partition_point(|their| their.t_s < step.t_s - apart_s / 2.0);
+        let their = other.steps.get(next).filter(|their| (their.t_s - step.t_s).abs() <= apart_s)?;
+        let both = is_high(&step.trace) && is_high(&their.trace);
+        both.then(|| (step.t_s, (step.trace.position - their.trace.position).norm()))
+    };
+    one.steps.iter().filter_map(at).min_by(|one, other| one.1.total_cmp(&other.1))
+}
+
+/// A line for each vehicle that the recording shows to crash.
+fn crashes(recording: &Recording) -> Vec<Line> {
+    let mut lines: Vec<(f64, Line)> = Vec::new();
+    for track in &recording.tracks {
+        let mut detector = CrashDetector::default();
+        let mut crashes = |trace: &Trace| {
+            let lands = trace.membership != Membership::Active;
+            detector.observe(trace.height_m, trace.velocity.0.norm(), &trace.attitude, lands)
+        };
+        let Some(step) = track.steps.iter().find(|step| crashes(&step.trace)) else { continue };
+        let after = preceding(recording, step.t_s, &[track.id]);
+        let text = format!("Vehicle {} crashed at {:.0} s{after}.", track.id, step.t_s);
+        lines.push((step.t_s, judged(false, text)));
+    }
+    lines.sort_by(|one, other| one.0.total_cmp(&other.0));
+    lines.into_iter().map(|(_, line)| line).collect()
+}
+
+/// A line about crashes that the figures count and the recording does not show: a vehicle without an agent is not recorded.
+fn unseen_crashes(recording: &Recording, measured: &Measured, seen: usize) -> Option<Line> {
+    let counted = measured.figures.get("crashes").copied().flatten()? as usize;
+    if counted <= seen {
+        return None;
+    }
+    let mut without = Vec::new();
+    for noted in &recording.noted {
+        match noted.what {
+            NotedKind::Fault(InjectedFault::Died(id)) => without.push(id.to_string()),
+            NotedKind::Fault(InjectedFault::Restarted(id)) => without.retain(|other| *other != id.to_string()),
+            _ => {}
+        }
+    }
+    let who = if without.is_empty() {
+        String::new()
+    } else {
+        format!(" Without an agent at the end: vehicle {}.", without.join(", "))
+    };
+    let more = counted - seen;
+    let crashes = if more == 1 { "1 crash is".to_owned() } else { format!("{more} crashes are") };
+    Some(judged(false, format!("{crashes} not in the recording, which ends with a vehicle's agent.{who}")))
+}
+
+/// The last fault before this time that affected one of these vehicles, as ", 3 s after engine out of vehicle 5".
+fn preceding(recording: &Recording, t_s: f64, vehicles: &[VehicleId]) -> String {
+    let affects = |fault: &InjectedFault| match fault {
+        InjectedFault::Died(id) | InjectedFault::Failed(id, _) => vehicles.contains(id),
+        InjectedFault::Cut { links } | InjectedFault::Delayed { links } => {
+            links.iter().any(|(sender, receiver)| vehicles.contains(sender) && vehicles.contains(receiver))
+        }
+        InjectedFault::Restarted(_) | InjectedFault::Healed { .. } | InjectedFault::DelayOver { .. } => false,
+    };
+    let mut faults = recording.noted.iter().filter_map(|noted| match &noted.what {
+        NotedKind::Fault(fault) if noted.t_s <= t_s && affects(fault) => Some((noted.t_s, fault)),
+        _ => None,
+    });
+    match faults.next_back() {
+        Some((at_s, fault)) if t_s - at_s <= PRECEDES_S => {
+            format!(", {:.0} s after {}", t_s - at_s, short(fault))
+        }
+        _ => String::new(),
+    }
+}
+
+/// A fault in few letters, without the list of its links.
+fn short(fault: &InjectedFault) -> String {
+    match fault {
+        InjectedFault::Cut { .. } => "the links between them were cut".to_owned(),
+        InjectedFault::Delayed { .. } => "the links between them were delayed".to_owned(),
+        InjectedFault::Failed(id, what) => format!("{} of vehicle {id}", what.replace('_', " ")),
+        other => other.to_string(),
+    }
+}
+
+/// A line with the faults that were injected, and the orders that were given.
+fn injected(recording: &Recording) -> Option<Line> {
+    let marks = super::flight::injected(recording);
+    let text = |(t_s, text): &(f64, String)| format!("{text} at {t_s:.0} s");
+    let mut texts: Vec<String> = marks.iter().take(MOST_FAULTS).map(text).collect();
+    if marks.len() > MOST_FAULTS {
+        texts.push(format!("{} more", marks.len() - MOST_FAULTS));
+    }
+    (!texts.is_empty()).then(|| plain(format!("Injected faults and orders: {}.", texts.join("; "))))
+}
+
+/// A line with what vehicles reported of failures and of losses.
+fn reported(recording: &Recording) -> Option<Line> {
+    let mut reports: Vec<(f64, VehicleSet, String)> = Vec::new();
+    for noted in &recording.noted {
+        let NotedKind::Event(id, what) = &noted.what else { continue };
+        let is_shown = matches!(
+            what,
+            EventKind::Failed(_)
+                | EventKind::AllPeersLost
+                | EventKind::QuorumLost
+                | EventKind::OwnDataStale
+                | EventKind::SimulatorLost
+                | EventKind::SimulatorStopped(_)
+                | EventKind::SimulatorFault(_)
+                | EventKind::ControlFault
+                | EventKind::LawLost
+                | EventKind::PlanDiffers(_)
+                | EventKind::ForcedAdvance { .. }
+        );
+        if !is_shown {
+            continue;
+        }
+        let text = what.to_string();
+        let known = reports.iter_mut().rev().find(|(t_s, _, other)| *other == text && noted.t_s - *t_s < TOGETHER_S);
+        match known {
+            Some((_, vehicles, _)) => vehicles.insert(*id),
+            None => reports.push((noted.t_s, [*id].into_iter().collect(), text)),
+        }
+    }
+    let line = |(t_s, vehicles, text): &(f64, VehicleSet, String)| format!("{vehicles} at {t_s:.0} s: {text}");
+    let mut lines: Vec<String> = reports.iter().take(MOST_REPORTS).map(line).collect();
+    if reports.len() > MOST_REPORTS {
+        lines.push(format!("{} more", reports.len() - MOST_REPORTS));
+    }
+    (!lines.is_empty()).then(|| plain(format!("Reported by vehicles: {}.", lines.join("; "))))
+}
+
+/// The verdict on one run of which there is no recording.
+pub(super) fn of_run(run: &Flown) -> Vec<Line> {
+    let text = |key: &str| run.text(key).unwrap_or("–").to_owned();
+    let duration_s = run.measured.figures.get("duration_s").copied().flatten();
+    let vehicles = run.scenario.get("swarm.vehicles").and_then(|count| count.parse().ok()).unwrap_or(0);
+    let flew = Run { scenario: text("scenario"), law: text("law"), target: text("target"), vehicles, ..Run::default() };
+    let flew = match run.measured.figures.get("teams").copied().flatten() {
+        Some(teams) => {
+            let duration = duration_s.map_or_else(String::new, |duration_s| format!(" for {duration_s:.0} s"));
+            format!("{teams} teams flew the fleet {}{duration}.", flew.scenario)
+        }
+        None => what_flew(&flew, duration_s),
+    };
+    let mut lines = vec![plain(flew), result(&run.measured)];
+    lines.extend(scenario_of(run).and_then(|scenario| kept_limits(&scenario, &run.measured)));
+    lines
+}
+
+/// The scenario of a run, if this program can read it.
+fn scenario_of(run: &Flown) -> Option<scenario::Scenario> {
+    let path = run.folder.join("scenario.toml");
+    let text = std::fs::read_to_string(&path).ok()?;
+    let name = path.display().to_string();
+    scenario::load(&Source { name: &name, text: &text }, &[]).ok().map(|loaded| loaded.scenario)
+}
+
+/// The verdict on a study, or on any other folder of several runs.
+pub(super) fn of_study(folder: &Folder) -> Vec<Line> {
+    let runs = &folder.runs;
+    let (good, failed): (Vec<&Flown>, Vec<&Flown>) =
+        runs.iter().partition(|run| study::failures(&run.measured).next().is_none());
+    let good_runs: Vec<&Measured> = good.iter().map(|run| &run.measured).collect();
+    let scenarios = folder.texts("scenario").into_iter().collect::<Vec<_>>().join(", ");
+    let mut lines = vec![plain(format!("{} runs of {scenarios}.", runs.len()))];
+    if !good.is_empty() {
+        let achievements = study::achievements(&good_runs).join(", ");
+        let text = format!("{} of {} runs: {achievements}.", good.len(), runs.len());
+        lines.push(judged(failed.is_empty(), text));
+    }
+    let texts = failed.iter().flat_map(|run| study::failures(&run.measured));
+    let mut kinds: Vec<&str> = Vec::new();
+    texts.for_each(|text| {
+        if !kinds.contains(&text) {
+            kinds.push(text)
+        }
+    });
+    for kind in kinds {
+        let are: Vec<&&Flown> =
+            failed.iter().filter(|run| study::failures(&run.measured).any(|text| text == kind)).collect();
+        let places: Vec<String> = are.iter().map(|run| place(folder, run)).collect();
+        let replay = are.first().map(|run| run.replay()).unwrap_or_default();
+        let text =
+            format!("{} of {} runs {kind}: {}. To fly it again: {replay}", are.len(), runs.len(), study::list(&places));
+        lines.push(judged(false, text));
+    }
+    let judged_runs: Vec<(&Flown, Line)> = runs
+        .iter()
+        .filter_map(|run| Some((run, kept_limits(&scenario_of(run)?, &run.measured)?)))
+        .filter(|(_, line)| line.tone != Tone::Plain)
+        .collect();
+    let broken: Vec<&(&Flown, Line)> = judged_runs.iter().filter(|(_, line)| line.tone == Tone::Bad).collect();
+    match (judged_runs.len(), broken.as_slice()) {
+        (0, _) => {}
+        (all, []) => lines.push(judged(true, format!("All limits of this formation are kept in {all} of {all} runs."))),
+        (all, [first, ..]) => {
+            let text = format!(
+                "{} of {all} runs break limits of this formation. {}: {}",
+                broken.len(),
+                place(folder, first.0),
+                first.1.text
+            );
+            lines.push(judged(false, text));
+        }
+    }
+    lines
+}
+
+/// Where a run is in its folder, as text.
+fn place(folder: &Folder, run: &Flown) -> String {
+    if folder.swept.is_empty() {
+        return format!("seed {}", run.measured.seed);
+    }
+    let inside = run.folder.strip_prefix(&folder.path).unwrap_or(&run.folder);
+    let point =
+        inside.parent().and_then(|point| point.file_name()).map(|point| point.to_string_lossy().replace('-', " "));
+    format!("{} seed {}", point.unwrap_or_default(), run.measured.seed).trim_start().to_owned()
+}

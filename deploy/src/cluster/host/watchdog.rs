@@ -1,0 +1,122 @@
+//! Detects an agent that hangs: it runs, and its control thread does nothing. The agent reports to the supervisor once a
+//! second, in the way of systemd's services, so that both supervise it by the same reports.
+
+use std::io;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use crate::os::Notifications;
+
+/// An agent that has reported, and then does not for this long, hangs. The unit of systemd has the same.
+const SILENT: Duration = Duration::from_secs(10);
+/// Time limit for the first report. The unit of systemd has the same.
+const START: Duration = Duration::from_secs(60);
+/// After a pause of this length this process itself did not run, and the agent gets its time again.
+const OWN_PAUSE: Duration = Duration::from_secs(2);
+
+/// Watches one agent.
+#[derive(Debug)]
+pub(super) struct Watchdog<R> {
+    reports: R,
+    /// Time of the newest report, or of the begin.
+    since: Instant,
+    has_reported: bool,
+    /// Time of the last look.
+    looked: Instant,
+}
+
+/// The reports of an agent.
+pub(super) trait Reports {
+    /// Whether one has arrived since the last call.
+    fn take(&self) -> bool;
+}
+
+impl Reports for Notifications {
+    fn take(&self) -> bool {
+        Self::take(self)
+    }
+}
+
+impl Watchdog<Notifications> {
+    /// Watches the agent whose reports arrive at this path.
+    ///
+    /// # Errors
+    /// If the socket cannot be opened.
+    pub(super) fn listen(path: &Path, now: Instant) -> io::Result<Self> {
+        Notifications::listen(path).map(|reports| Self::new(reports, now))
+    }
+}
+
+impl<R: Reports> Watchdog<R> {
+    fn new(reports: R, now: Instant) -> Self {
+        Self { reports, since: now, has_reported: false, looked: now }
+    }
+
+    /// Whether the agent hangs, and for how long it was silent.
+    pub(super) fn silent_for(&mut self, now: Instant) -> Option<Duration> {
+        let own_pause = now.duration_since(self.looked);
+        self.looked = now;
+        if self.reports.take() {
+            (self.since, self.has_reported) = (now, true);
+        } else if own_pause > OWN_PAUSE {
+            self.since = now;
+        }
+        let silent = now.duration_since(self.since);
+        let limit = if self.has_reported { SILENT } else { START };
+        (silent > limit).then_some(silent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+    use skein_host::clock;
+
+    impl Reports for Cell<bool> {
+        fn take(&self) -> bool {
+            Self::take(self)
+        }
+    }
+
+    /// Looks ten times a second for so long; returns how long the agent was silent when it hung.
+    fn watch(dog: &mut Watchdog<Cell<bool>>, now: &mut Instant, seconds: u64, reports: bool) -> Option<Duration> {
+        let until = *now + Duration::from_secs(seconds);
+        while *now < until {
+            *now += Duration::from_millis(100);
+            dog.reports.set(reports);
+            if let Some(silent) = dog.silent_for(*now) {
+                return Some(silent);
+            }
+        }
+        None
+    }
+
+    #[test]
+    fn an_agent_that_stops_reporting_hangs() {
+        let mut now = clock::now();
+        let mut dog = Watchdog::new(Cell::new(false), now);
+        assert_eq!(watch(&mut dog, &mut now, 59, false), None, "it starts");
+        assert_eq!(watch(&mut dog, &mut now, 300, true), None);
+        let silent = watch(&mut dog, &mut now, 60, false).unwrap();
+        assert!(silent > SILENT && silent < SILENT + Duration::from_secs(1), "{silent:?}");
+    }
+
+    #[test]
+    fn an_agent_that_never_reports_hangs() {
+        let mut now = clock::now();
+        let mut dog = Watchdog::new(Cell::new(false), now);
+        assert!(watch(&mut dog, &mut now, 70, false).unwrap() > START);
+    }
+
+    #[test]
+    fn a_supervisor_that_was_stopped_itself_gives_the_agent_its_time_again() {
+        let mut now = clock::now();
+        let mut dog = Watchdog::new(Cell::new(false), now);
+        assert_eq!(watch(&mut dog, &mut now, 5, true), None);
+        now += Duration::from_secs(3600);
+        assert_eq!(watch(&mut dog, &mut now, 9, false), None);
+        assert!(watch(&mut dog, &mut now, 9, false).is_some());
+    }
+}

@@ -1,0 +1,230 @@
+//! `skein view`: a live swarm, or a recording, on a page in the browser or on the terminal. The swarm flies the same with and
+//! without it; only with `--orders` a page or a ground station can order something.
+//!
+//! | module | what it does |
+//! | --- | --- |
+//! | `live` | watches a swarm, ten snapshots a second |
+//! | `playback` | plays a recording |
+//! | `hello`, `snapshot`, `events`, `field` | what the page receives |
+//! | `orders` | orders from the page, if they are allowed |
+//! | `verdict` | how the swarm is, in one line |
+//! | `server`, `socket`, `page` | HTTP, the WebSocket, the page's files |
+//! | `foxglove` | the server for Foxglove |
+//! | `mavlink` | messages to ground stations, and their commands |
+//! | `terminal` | the table of `skein fly` |
+
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+
+use skein_agent::link::{ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
+use skein_agent::unix;
+use skein_host::clock;
+use skein_lab::error::Error;
+use skein_lab::record::Player;
+use skein_lab::terminal::{complain, say};
+use tokio::sync::watch;
+
+use crate::keys::Role;
+use crate::os::Interrupts;
+use crate::reach::SwarmArgs;
+
+mod events;
+mod field;
+mod foxglove;
+mod hello;
+mod live;
+mod mavlink;
+mod orders;
+mod page;
+mod playback;
+mod server;
+mod snapshot;
+mod socket;
+mod terminal;
+mod verdict;
+
+use hello::OrderRule;
+use live::Frame;
+pub use mavlink::MavlinkArgs;
+pub use orders::OrdersArgs;
+use orders::Rule;
+use server::{Shared, Source};
+
+/// Port of the page, or the first of those that are tried.
+const PORT: u16 = 7480;
+/// Number of ports that are tried without `--listen`.
+const PORTS: u16 = 20;
+/// Time between two looks at whether Ctrl-C was pressed.
+const TICK: Duration = Duration::from_millis(100);
+
+/// `skein view`
+#[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein view\n  skein view --foxglove 8765\n  skein view --mavlink 127.0.0.1:14550 --orders\n  skein view -f cluster.toml --listen 192.168.1.20:7480\n  skein view skein-runs/hover/run.mcap"
+)]
+pub struct ViewArgs {
+    /// A recording, or a folder with one, to play instead of a live swarm
+    #[arg(value_name = "FILE.mcap|DIR", conflicts_with_all = ["swarm", "file", "terminal", "orders"])]
+    pub recording: Option<PathBuf>,
+    /// The swarm to watch.
+    #[command(flatten)]
+    pub swarm: SwarmArgs,
+    /// Address of the page; without it 127.0.0.1:7480, or the next free port. Another address than the loopback shows the page
+    /// on every PC that can reach it
+    #[arg(long, value_name = "ADDR:PORT")]
+    pub listen: Option<SocketAddr>,
+    /// Serve Foxglove too, live or from the recording, at this port of the loopback or at this address
+    #[arg(long, value_name = "[ADDR:]PORT", value_parser = foxglove::address)]
+    pub foxglove: Option<SocketAddr>,
+    /// Show the table of skein fly on the terminal instead of a page
+    #[arg(long, conflicts_with_all = ["listen", "orders", "foxglove", "mavlink"])]
+    pub terminal: bool,
+    /// Ground stations.
+    #[command(flatten)]
+    pub mavlink: MavlinkArgs,
+    /// Orders from the page and from ground stations.
+    #[command(flatten)]
+    pub orders: OrdersArgs,
+}
+
+/// Serves the page until Ctrl-C.
+///
+/// # Errors
+/// If the address is not free, or the recording cannot be read.
+pub fn run(args: &ViewArgs) -> Result<(), Error> {
+    if args.recording.is_none() {
+        unix::restart_with((ZENOH_RUNTIME, ZENOH_ON_TWO_THREADS));
+    }
+    if args.terminal {
+        return terminal::show(&args.swarm);
+    }
+    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    let (address, foxglove) = match &args.recording {
+        Some(path) => {
+            let path = recording(path)?;
+            let (listener, address) = listen(args.listen)?;
+            let foxglove = args.foxglove.map(|foxglove| foxglove::play(&path, foxglove)).transpose()?;
+            begin(listener, None, |_| Source::Recording(path))?;
+            (address, foxglove)
+        }
+        None => {
+            let (foxglove, at) = args.foxglove.map(foxglove::Live::start).transpose()?.unzip();
+            (begin_live(args.swarm.clone(), args.listen, &args.orders, foxglove, &args.mavlink)?, at)
+        }
+    };
+    say(&format!("http://{address}\n"));
+    if let Some(foxglove) = foxglove {
+        say(&format!("ws://{foxglove}\n"));
+    }
+    complain(match args.orders.orders {
+        true => "the page is served until Ctrl-C; it can order the swarm",
+        false => "the page is served until Ctrl-C; the swarm flies the same with and without it",
+    });
+    while interrupts.count() == 0 {
+        clock::sleep(TICK);
+    }
+    Ok(())
+}
+
+/// Serves the page of a live swarm, for as long as the process runs, and returns its address.
+///
+/// # Errors
+/// If the address is not free, or orders are wanted and cannot be allowed.
+pub fn beside(swarm: SwarmArgs, address: Option<SocketAddr>, orders: &OrdersArgs) -> Result<SocketAddr, Error> {
+    begin_live(swarm, address, orders, None, &MavlinkArgs::default())
+}
+
+/// Serves the page of a live swarm, Foxglove and a ground station.
+fn begin_live(
+    swarm: SwarmArgs,
+    address: Option<SocketAddr>,
+    orders: &OrdersArgs,
+    foxglove: Option<foxglove::Live>,
+    mavlink: &MavlinkArgs,
+) -> Result<SocketAddr, Error> {
+    let rule = orders.rule(address.map_or(Ipv4Addr::LOCALHOST.into(), |address| address.ip()))?;
+    if rule.is_some() && swarm.file.is_some() {
+        // An operator without the keys of a cluster learns it now, not with the first order.
+        swarm.choose()?.reach_teams(Role::Operator, &[])?;
+    }
+    let station = mavlink.station(rule.as_deref())?;
+    let (listener, address) = listen(address)?;
+    begin(listener, rule.clone(), |frames| {
+        if let Some(station) = station {
+            station.serve(frames.subscribe());
+        }
+        live(swarm, rule.as_deref(), foxglove, frames)
+    })?;
+    Ok(address)
+}
+
+/// The recording that this path means, checked that it can be played.
+fn recording(path: &Path) -> Result<PathBuf, Error> {
+    let found = match path.is_dir() {
+        true => playback::in_folder(path).ok_or_else(|| {
+            let why = "no run.mcap and no fleet.mcap in this folder; give the folder of one run, or a file";
+            Error::Refused(format!("{}: {why}", path.display()))
+        })?,
+        false => path.to_owned(),
+    };
+    Player::open(&found).map_err(|error| Error::Refused(error.to_string()))?;
+    Ok(found)
+}
+
+/// Watches a live swarm on a thread of its own.
+fn live(
+    swarm: SwarmArgs,
+    rule: Option<&Rule>,
+    foxglove: Option<foxglove::Live>,
+    frames: watch::Sender<Arc<Frame>>,
+) -> Source {
+    let of_thread = frames.clone();
+    let orders = match rule {
+        None => OrderRule::Refused,
+        Some(rule) if rule.needs_token() => OrderRule::AllowedWithToken,
+        Some(_) => OrderRule::Allowed,
+    };
+    thread::spawn(move || live::watch(swarm, orders, &of_thread, foxglove, || false));
+    Source::Live(frames)
+}
+
+/// Takes the address; without one the first free port of the loopback.
+fn listen(address: Option<SocketAddr>) -> Result<(TcpListener, SocketAddr), Error> {
+    let bound = match address {
+        Some(address) => TcpListener::bind(address)
+            .map_err(|error| Error::Refused(format!("--listen {address}: {error}; choose another port"))),
+        None => {
+            (PORT..PORT + PORTS).find_map(|port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).ok()).ok_or_else(|| {
+                Error::Refused(format!("ports {PORT} to {} are in use; choose one with --listen", PORT + PORTS - 1))
+            })
+        }
+    }?;
+    let failed = |error: std::io::Error| Error::Failed(format!("the page cannot be served: {error}"));
+    bound.set_nonblocking(true).map_err(failed)?;
+    let address = bound.local_addr().map_err(failed)?;
+    Ok((bound, address))
+}
+
+/// Serves on threads of its own, until the process ends.
+fn begin(
+    listener: TcpListener,
+    rule: Option<Arc<Rule>>,
+    source: impl FnOnce(watch::Sender<Arc<Frame>>) -> Source,
+) -> Result<(), Error> {
+    let failed = |error: std::io::Error| Error::Failed(format!("the page cannot be served: {error}"));
+    let address = listener.local_addr().map_err(failed)?;
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(1).thread_name("view").enable_all().build();
+    let runtime = runtime.map_err(failed)?;
+    let (frames, _) = watch::channel(Arc::default());
+    let shared = Arc::new(Shared::new(source(frames), rule, address));
+    let serve = move || runtime.block_on(server::serve(listener, shared));
+    thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(failed)?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

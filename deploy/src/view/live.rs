@@ -1,0 +1,369 @@
+//! Watches a live swarm for the page, on a thread of its own, and never gives up: a swarm that does not answer yet, or has ended,
+//! is looked for again and again.
+//!
+//! The vehicles compute and send their summaries only while a page is open. Events are kept from the start of the server on.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::body::Bytes;
+use axum::extract::ws::Utf8Bytes;
+use serde_json::json;
+use skein_common::id::VehicleId;
+use skein_common::message::StandingOrders;
+use skein_common::scenario::{Described, Scenario, Setting};
+use skein_core::tuning;
+use skein_host::clock;
+use skein_lab::error::Error;
+use tokio::sync::watch;
+
+use super::events::{self, EventLevel, EventLog};
+use super::field::{self, Field};
+use super::foxglove;
+use super::hello::{self, OrderRule, SourceKind, Span};
+use super::snapshot::{ObservedVehicle, Snapshot, Team, add_nearest, team_place, vehicles};
+use super::verdict::{self, Judged};
+use crate::display::status::Known;
+use crate::keys::Role;
+use crate::observe::{Observer, Observers, SwarmMessage, TraceSubscription};
+use crate::reach::{Place, Reach, SwarmArgs};
+
+/// Time between two snapshots.
+const PERIOD: Duration = Duration::from_millis(100);
+/// Time between two attempts to find the swarm, and between two looks at whether it is still the same.
+const RETRY: Duration = Duration::from_secs(1);
+/// A swarm of which no agent has answered for this long is reported.
+const SILENT_AFTER: Duration = Duration::from_secs(3);
+
+/// Why nothing can be shown.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Problem {
+    text: String,
+    remedy: String,
+}
+
+/// The message about a problem, or about its end.
+pub(super) fn problem_message(problem: Option<&Problem>) -> String {
+    match problem {
+        Some(Problem { text, remedy }) => json!({ "type": "problem", "text": text, "remedy": remedy }),
+        None => json!({ "type": "problem", "text": null }),
+    }
+    .to_string()
+}
+
+/// What there is to show.
+#[derive(Default)]
+pub(super) struct Frame {
+    /// The first message to a page, and its number: another swarm has another one.
+    pub(super) hello: Option<(Utf8Bytes, u64)>,
+    pub(super) problem: Option<Problem>,
+    pub(super) events: Arc<EventLog>,
+    /// When the flight began, as far as is known.
+    pub(super) zero: Option<Instant>,
+    pub(super) snapshot: Option<Snapshot>,
+    /// The message with the whole snapshot, made once for all pages.
+    pub(super) json: Option<Utf8Bytes>,
+    /// The places of a large swarm.
+    pub(super) places: Option<Bytes>,
+    /// The swarm that is shown, and that an order of the page is to.
+    pub(super) place: Option<Arc<Place>>,
+    /// What the snapshot was made of, for the fields.
+    swarm: Option<Arc<Vec<Team>>>,
+    observed: Vec<Vec<ObservedVehicle>>,
+}
+
+impl Frame {
+    /// The field of the vehicle with this name.
+    pub(super) fn field(&self, name: &str) -> Field {
+        let teams = self.swarm.iter().flat_map(|teams| teams.iter()).zip(&self.observed);
+        for (team, observed) in teams {
+            let id = observed.iter().map(|vehicle| vehicle.known.id).find(|id| team.name(*id).to_string() == name);
+            if let Some(id) = id {
+                return field::field(team, observed, id);
+            }
+        }
+        Field::Unknown(())
+    }
+
+    /// The swarm, or the teams of the fleet, with what was observed of each.
+    pub(super) fn observed(&self) -> Option<(&[Team], &[Vec<ObservedVehicle>])> {
+        Some((self.swarm.as_ref()?.as_slice(), self.observed.as_slice()))
+    }
+}
+
+/// Watches the swarm that `swarm` chooses for what receives the `frames` and for Foxglove, until `is_over`. `orders` is what the
+/// pages receive about orders.
+pub(super) fn watch(
+    swarm: SwarmArgs,
+    orders: OrderRule,
+    frames: &watch::Sender<Arc<Frame>>,
+    foxglove: Option<foxglove::Live>,
+    is_over: impl Fn() -> bool,
+) {
+    let (events, next_try) = (Arc::default(), clock::now());
+    let mut watcher = Watcher { swarm, orders, events, number: 0, watched: None, problem: None, next_try, foxglove };
+    let mut next = clock::now();
+    while !is_over() {
+        let now = clock::now();
+        watcher.look(now);
+        frames.send_replace(Arc::new(watcher.frame(now, frames.receiver_count() > 0)));
+        next = (next + PERIOD).max(now);
+        clock::sleep(next.saturating_duration_since(clock::now()));
+    }
+}
+
+struct Watcher {
+    swarm: SwarmArgs,
+    orders: OrderRule,
+    events: Arc<EventLog>,
+    /// Number of the swarms that were found.
+    number: u64,
+    watched: Option<Watched>,
+    problem: Option<Problem>,
+    next_try: Instant,
+    foxglove: Option<foxglove::Live>,
+}
+
+/// A swarm that was found.
+struct Watched {
+    place: Arc<Place>,
+    reaches: Vec<Reach>,
+    observers: Observers,
+    /// The scenarios as written.
+    written: Vec<Scenario>,
+    /// What operators have set in flight, team by team.
+    settings: Vec<Vec<Setting>>,
+    /// The teams as they fly: as written, with the settings.
+    teams: Arc<Vec<Team>>,
+    orders: OrderRule,
+    hello: Utf8Bytes,
+    /// When an agent was last in contact, or the swarm was found.
+    answered: Instant,
+    zero: Option<Instant>,
+}
+
+impl Watcher {
+    /// Finds the swarm, or takes in what it has sent.
+    fn look(&mut self, now: Instant) {
+        if now >= self.next_try {
+            self.next_try = now + RETRY;
+            let is_other = self.watched.as_ref().is_none_or(|watched| watched.place.is_replaced());
+            if is_other {
+                self.find(now);
+            }
+        }
+        self.take(now);
+        if let Some(foxglove) = &mut self.foxglove {
+            foxglove.look(now, self.problem.as_ref().map(|Problem { text, remedy }| format!("{text}: {remedy}")));
+        }
+    }
+
+    fn take(&mut self, now: Instant) {
+        let Some(watched) = &mut self.watched else { return };
+        watched.take(&self.events, self.foxglove.as_mut());
+        self.number += u64::from(watched.take_settings());
+        let is_alive = watched.observers.views().any(|(_, view)| view.alive);
+        if is_alive {
+            watched.answered = now;
+        }
+        let is_silent = now.saturating_duration_since(watched.answered) >= SILENT_AFTER;
+        self.problem = is_silent.then(|| watched.silence());
+    }
+
+    fn find(&mut self, now: Instant) {
+        match Watched::open(&self.swarm, self.orders, now) {
+            Ok((watched, described)) => {
+                if let Some(foxglove) = &mut self.foxglove {
+                    foxglove.found(&described);
+                }
+                // From now on this swarm is meant, even if another one begins to fly here.
+                if let Place::Here(there) = &*watched.place {
+                    self.swarm.swarm = Some(there.swarm.clone());
+                }
+                self.number += 1;
+                (self.watched, self.problem) = (Some(watched), None);
+            }
+            // What was found before stays on the page.
+            Err(_) if self.watched.is_some() => {}
+            Err(error) => {
+                let remedy =
+                    "start a swarm with `skein fly`, or name a cluster with -f CLUSTER.toml; this page keeps looking";
+                self.problem = Some(Problem { text: error.to_string(), remedy: remedy.to_owned() });
+            }
+        }
+    }
+
+    /// What there is to show now; it is computed only for a page.
+    fn frame(&mut self, now: Instant, is_wanted: bool) -> Frame {
+        let (events, problem) = (Arc::clone(&self.events), self.problem.clone());
+        let Some(watched) = &mut self.watched else { return Frame { events, problem, ..Frame::default() } };
+        let hello = Some((watched.hello.clone(), self.number));
+        let place = Some(Arc::clone(&watched.place));
+        for observer in watched.observers.each() {
+            if let Err(error) = observer.subscribe_to_summaries(is_wanted) {
+                tracing::warn!("cannot subscribe to the summaries: {error}");
+            }
+        }
+        if !is_wanted {
+            return Frame { hello, events, problem, zero: watched.zero, place, ..Frame::default() };
+        }
+        let (snapshot, observed) = watched.snapshot(now);
+        let json = snapshot.to_json(&BTreeSet::new(), None::<&Field>);
+        let places = snapshot.places().map(Bytes::from);
+        Frame {
+            hello,
+            problem,
+            events,
+            zero: watched.zero,
+            json: Some(json.into()),
+            places,
+            snapshot: Some(snapshot),
+            place,
+            swarm: Some(Arc::clone(&watched.teams)),
+            observed,
+        }
+    }
+}
+
+impl Watched {
+    fn open(swarm: &SwarmArgs, orders: OrderRule, now: Instant) -> Result<(Self, Described), Error> {
+        let place = Arc::new(swarm.choose()?);
+        let reaches = place.reach_teams(Role::Observer, &[])?;
+        let described = place.described()?;
+        let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
+        let observers = Observers::open(&reaches, TraceSubscription::Off)?;
+        let written: Vec<Scenario> = described.all().iter().map(|loaded| loaded.scenario.clone()).collect();
+        let settings = vec![Vec::new(); written.len()];
+        let hello = hello::hello(&teams, SourceKind::Live, place.swarm().as_str(), Span::default(), orders).into();
+        let (teams, zero) = (Arc::new(teams), None);
+        let watched = Self { place, reaches, observers, written, settings, teams, orders, hello, answered: now, zero };
+        Ok((watched, described))
+    }
+
+    /// Takes in what has been set in flight. Returns whether that has changed, and with it the first message to a page.
+    fn take_settings(&mut self) -> bool {
+        let in_force = |observer: &Observer| {
+            let orders = observer.vehicles().values().flat_map(|view| view.orders.iter());
+            orders.collect::<StandingOrders>().settings_in_sequence()
+        };
+        let settings: Vec<Vec<Setting>> = self.observers.all().iter().map(in_force).collect();
+        if settings == self.settings {
+            return false;
+        }
+        let tuned = |(written, given): (&Scenario, &Vec<Setting>)| {
+            let found = written.settings_in_effect(given, |tuned| tuning::check(written, tuned));
+            Team::new(&written.with_settings(&found.in_effect))
+        };
+        self.teams = Arc::new(self.written.iter().zip(&settings).map(tuned).collect());
+        self.settings = settings;
+        let swarm = self.place.swarm().as_str();
+        self.hello = hello::hello(&self.teams, SourceKind::Live, swarm, Span::default(), self.orders).into();
+        true
+    }
+
+    /// Takes in what the vehicles have sent, and keeps what happened to them.
+    fn take(&mut self, log: &EventLog, mut foxglove: Option<&mut foxglove::Live>) {
+        for observer in self.observers.each() {
+            let branch = observer.branch();
+            let name = |id: VehicleId| branch.name(id);
+            if let Err(error) = observer.subscribe_to_traces(foxglove.as_ref().is_some_and(|live| live.is_read())) {
+                tracing::warn!("cannot subscribe to the traces: {error}");
+            }
+            for (received, at) in observer.poll_timed() {
+                if let Some(foxglove) = &mut foxglove {
+                    foxglove.take(&received, at);
+                }
+                match received {
+                    SwarmMessage::Event(event) => {
+                        log.add(at, name(event.header.sender), event.what.to_string(), events::level(&event.what));
+                    }
+                    SwarmMessage::Appeared(id) => {
+                        log.add(at, name(id), "appeared".to_owned(), EventLevel::Info);
+                    }
+                    SwarmMessage::Vanished(id) => {
+                        log.add(at, name(id), "disappeared".to_owned(), EventLevel::Bad);
+                    }
+                    SwarmMessage::Trace(_)
+                    | SwarmMessage::Summary(_)
+                    | SwarmMessage::Health(_)
+                    | SwarmMessage::Mission(_) => {}
+                }
+            }
+        }
+    }
+
+    /// Why no agent answers.
+    fn silence(&self) -> Problem {
+        let title = match self.reaches.as_slice() {
+            [only] => only.title(),
+            _ => format!("fleet {}", self.place.swarm()),
+        };
+        let refused: u64 = self.observers.all().iter().map(Observer::refused_links).sum();
+        if refused > 0 {
+            let text = format!("the agents of {title} refuse the certificate of this PC, or this PC refuses theirs");
+            return Problem { text, remedy: "copy the cluster's keys of the role observer to this PC".to_owned() };
+        }
+        let first = self.reaches.iter().find_map(|reach| reach.agents.values().next());
+        let at = first.map_or_else(String::new, |first| format!(" at {first} and its other addresses"));
+        let remedy = match &*self.place {
+            Place::Here(_) => format!("start it with `skein fly`, or see what became of it in {}", self.log_folder()),
+            Place::Cluster(_) => "`skein cluster status` shows which nodes run".to_owned(),
+        };
+        Problem { text: format!("no agent of {title} answers{at}"), remedy }
+    }
+
+    fn log_folder(&self) -> String {
+        match &*self.place {
+            Place::Here(there) => there.out.display().to_string(),
+            Place::Cluster(_) => String::new(),
+        }
+    }
+
+    /// The swarm now, and what that was made of.
+    fn snapshot(&mut self, now: Instant) -> (Snapshot, Vec<Vec<ObservedVehicle>>) {
+        let observed: Vec<Vec<ObservedVehicle>> =
+            self.teams.iter().zip(self.observers.all()).map(|(team, observer)| observe(team, observer, now)).collect();
+        let shown: Vec<_> = self.teams.iter().zip(&observed).map(|(team, observed)| vehicles(team, observed)).collect();
+        let mut all: Vec<_> = shown.iter().flat_map(|(_, vehicles)| vehicles.iter().cloned()).collect();
+        add_nearest(&mut all);
+        let mut rest = all.as_slice();
+        let mut judged = Vec::new();
+        for ((team, observed), (rows, own)) in self.teams.iter().zip(&observed).zip(&shown) {
+            let (vehicles, behind) = rest.split_at(own.len());
+            rest = behind;
+            judged.push(Judged { team, observed, rows, vehicles });
+        }
+        let status = verdict::status(&judged);
+        let teams = judged.iter().filter_map(|judged| team_place(judged.team, judged.vehicles)).collect();
+        if let Some(flown_s) = flown_s(&observed) {
+            let zero = now.checked_sub(Duration::from_secs_f64(flown_s));
+            // Between two steps of an agent its time of flight stands still: the beginning that was found first is kept.
+            let is_other = |known: Instant| zero.is_some_and(|zero| zero.max(known) - zero.min(known) > RETRY);
+            self.zero = self.zero.filter(|known| !is_other(*known)).or(zero);
+        }
+        let t_s = self.zero.map(|zero| now.saturating_duration_since(zero).as_secs_f64());
+        (Snapshot { t_s, at_ms: clock::utc_nanoseconds() / 1_000_000, status, vehicles: all, teams }, observed)
+    }
+}
+
+/// What is known of each vehicle of a team.
+fn observe(team: &Team, observer: &Observer, now: Instant) -> Vec<ObservedVehicle> {
+    let observed = |id: VehicleId| {
+        let view = observer.vehicles().get(&id);
+        let order = view.and_then(|view| view.orders.obeyed_by(id)).map(|order| order.verb);
+        ObservedVehicle { known: Known::new(id, view, None, now), order }
+    };
+    team.scenario.ids().map(observed).collect()
+}
+
+/// Time of flight by the vehicles' own clocks, s: the median, which a restarted vehicle does not change.
+fn flown_s(observed: &[Vec<ObservedVehicle>]) -> Option<f64> {
+    let flown = |vehicle: &ObservedVehicle| {
+        let (sample, silent) = vehicle.known.newest.as_ref()?;
+        Some(sample.flown_s? + silent.as_secs_f64())
+    };
+    let mut all: Vec<f64> = observed.iter().flatten().filter_map(flown).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).copied()
+}

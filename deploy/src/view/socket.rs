@@ -1,0 +1,187 @@
+//! One page at a WebSocket: what it is sent of a live swarm, and what it asks for.
+//!
+//! A page receives the newest snapshot whenever it has taken in the one before: a slow page misses snapshots, and none waits in
+//! memory for it. A page that takes nothing in for some seconds is disconnected.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::ws::{Message, WebSocket};
+use serde::Deserialize;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio::time::{Instant, timeout};
+
+use super::field::Field;
+use super::live::Frame;
+use super::orders::{PageOrder, Rule};
+use super::snapshot::LARGE;
+use super::{events, live, orders};
+
+/// Longest time that a slow page may take to receive a message.
+const SENT_WITHIN: Duration = Duration::from_secs(5);
+/// Shortest time between two fields for a page.
+const FIELD_EVERY: Duration = Duration::from_millis(500);
+/// Largest number of vehicles with details in a large swarm.
+const MOST_DETAILS: usize = 64;
+/// Largest number of orders of a page that are not answered yet.
+const MOST_ORDERS: usize = 4;
+
+/// What a page asks for.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub(super) enum Ask {
+    /// The vehicles whose details it shows, of a large swarm.
+    Detail {
+        /// Their ids.
+        vehicles: Vec<String>,
+    },
+    /// The formation field around a vehicle; `None` ends it.
+    Field {
+        /// Its id.
+        vehicle: Option<String>,
+    },
+    /// Play the recording from this time on.
+    Play {
+        /// Time of the recording, s.
+        at_s: f64,
+        /// Seconds of the recording in a second; 0 shows one instant.
+        speed: f64,
+    },
+    /// An order to the swarm.
+    Order(PageOrder),
+}
+
+impl Ask {
+    /// Parses a page's message; `None` if this server does not know it.
+    pub(super) fn parse(text: &str) -> Option<Self> {
+        serde_json::from_str(text).ok()
+    }
+}
+
+/// What a page has asked for.
+#[derive(Debug, Default)]
+pub(super) struct Wishes {
+    /// The vehicles whose details it shows.
+    pub(super) detail: BTreeSet<String>,
+    /// The vehicle whose field it shows.
+    pub(super) field_of: Option<String>,
+    /// The field that was computed last, and when.
+    field: Option<(Field, Instant)>,
+}
+
+impl Wishes {
+    /// Takes in a request that is not about playing, and not an order.
+    pub(super) fn take(&mut self, ask: Ask) {
+        match ask {
+            Ask::Detail { vehicles } => self.detail = vehicles.into_iter().take(MOST_DETAILS).collect(),
+            Ask::Field { vehicle } => (self.field_of, self.field) = (vehicle, None),
+            Ask::Play { .. } | Ask::Order(_) => {}
+        }
+    }
+
+    /// The field that belongs to the next snapshot, at most two new ones a second.
+    pub(super) fn field(&mut self, compute: impl FnOnce(&str) -> Field) -> Option<&Field> {
+        let of = self.field_of.as_deref()?;
+        if self.field.as_ref().is_none_or(|(_, at)| at.elapsed() >= FIELD_EVERY) {
+            self.field = Some((compute(of), Instant::now()));
+        }
+        self.field.as_ref().map(|(field, _)| field)
+    }
+}
+
+/// Sends a message; false if the page is gone or too slow.
+pub(super) async fn send(socket: &mut WebSocket, message: Message) -> bool {
+    matches!(timeout(SENT_WITHIN, socket.send(message)).await, Ok(Ok(())))
+}
+
+/// Serves a page that watches a live swarm, until it ends or is too slow. The page gives orders by this rule.
+pub(super) async fn serve(mut socket: WebSocket, mut frames: watch::Receiver<Arc<Frame>>, rule: Option<Arc<Rule>>) {
+    let mut page = LivePage::default();
+    let mut given = JoinSet::new();
+    frames.mark_changed();
+    loop {
+        tokio::select! {
+            changed = frames.changed() => {
+                if changed.is_err() {
+                    break;
+                }
+                let frame = Arc::clone(&frames.borrow_and_update());
+                for message in page.messages(&frame) {
+                    if !send(&mut socket, message).await {
+                        return;
+                    }
+                }
+            }
+            Some(answer) = given.join_next() => {
+                if let Ok(answer) = answer && !send(&mut socket, Message::text(answer)).await {
+                    return;
+                }
+            }
+            message = socket.recv() => match message {
+                Some(Ok(Message::Text(text))) => {
+                    match Ask::parse(&text) {
+                        Some(Ask::Order(_)) if given.len() >= MOST_ORDERS => {
+                            let text = "too many orders at once: wait for the answer to one";
+                            if !send(&mut socket, Message::text(orders::answer(text, false))).await {
+                                return;
+                            }
+                        }
+                        Some(Ask::Order(order)) => {
+                            let place = frames.borrow().place.clone();
+                            given.spawn(orders::give(rule.clone(), place, order));
+                        }
+                        Some(ask) => page.wishes.take(ask),
+                        None => {}
+                    }
+                }
+                Some(Ok(Message::Binary(_) | Message::Ping(_) | Message::Pong(_))) => {}
+                Some(Ok(Message::Close(_)) | Err(_)) | None => break,
+            },
+        }
+    }
+}
+
+/// What a page has been sent.
+#[derive(Debug, Default)]
+struct LivePage {
+    wishes: Wishes,
+    hello: Option<u64>,
+    problem: Option<live::Problem>,
+    /// Number of the next event.
+    next_event: u64,
+}
+
+impl LivePage {
+    /// The messages that bring the page up to this frame.
+    fn messages(&mut self, frame: &Frame) -> Vec<Message> {
+        let mut messages = Vec::new();
+        if let Some((hello, number)) = frame.hello.as_ref().filter(|(_, number)| self.hello != Some(*number)) {
+            self.hello = Some(*number);
+            messages.push(Message::Text(hello.clone()));
+            let (past, next) = frame.events.since(0, frame.zero);
+            self.next_event = next;
+            messages.push(Message::text(events::past(past)));
+        }
+        if frame.problem != self.problem {
+            self.problem.clone_from(&frame.problem);
+            messages.push(Message::text(live::problem_message(frame.problem.as_ref())));
+        }
+        let Some(snapshot) = frame.snapshot.as_ref().filter(|_| self.hello.is_some()) else { return messages };
+        let (new, next) = frame.events.since(self.next_event, frame.zero);
+        self.next_event = next;
+        messages.extend(new.into_iter().map(|event| Message::text(events::news(event))));
+        if let Some(places) = &frame.places {
+            messages.push(Message::Binary(places.clone()));
+        }
+        let detail = self.wishes.detail.clone();
+        let field = self.wishes.field(|of| frame.field(of));
+        let is_common = snapshot.vehicles.len() <= LARGE && field.is_none();
+        messages.push(match &frame.json {
+            Some(json) if is_common => Message::Text(json.clone()),
+            _ => Message::text(snapshot.to_json(&detail, field)),
+        });
+        messages
+    }
+}

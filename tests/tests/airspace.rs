@@ -1,0 +1,64 @@
+//! The airspace in virtual time: every law keeps a fence through its formation and passes obstacles without a collision.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+use skein_common::math;
+use skein_common::scenario::StaticObstacle;
+use skein_lab::metrics::{Report, Run};
+use skein_lab::recording::{Recording, Step};
+use skein_tests::{of_scenario, scenario};
+
+const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
+/// Half the length of the square fence, m: through the ring of 100 m.
+const FENCE_M: f64 = 80.0;
+
+/// Flies a scenario of a mission that `skein check` would refuse because it leads through the fence.
+fn flown(sets: &[&str], obstacle: Option<StaticObstacle>, fence_m: Option<f64>) -> (Report, Recording) {
+    let name = if sets.iter().any(|set| set.contains("path_ne_m")) { "flock.toml" } else { "hover.toml" };
+    let mut scenario = scenario(name, sets);
+    if let Some(far_m) = fence_m {
+        scenario.airspace.fence_ne_m = vec![[-far_m, -far_m], [-far_m, far_m], [far_m, far_m], [far_m, -far_m]];
+    }
+    scenario.airspace.obstacles.extend(obstacle);
+    let mut recording = Recording::new(&scenario, Run::new(&scenario, "study"));
+    let study = of_scenario(scenario);
+    let report = study.fly_watched(study.scenario.seed, Some((&mut recording, 5.0))).unwrap();
+    (report, recording)
+}
+
+fn steps(recording: &Recording) -> impl Iterator<Item = &Step> {
+    recording.tracks.iter().flat_map(|track| &track.steps)
+}
+
+#[test]
+fn every_law_keeps_a_fence_through_its_formation_in_wind() {
+    for law in LAWS {
+        let law_set = format!("formation.law={law}");
+        let sets = [&law_set, "world.wind_m_s=8", "world.gust_w20_m_s=3", "duration_s=60", "start.square_m=100"];
+        let (report, recording) = flown(&sets, None, Some(FENCE_M));
+        let beyond_m = |step: &Step| {
+            let position = step.trace.position;
+            position.north_m().abs().max(position.east_m().abs()) - FENCE_M
+        };
+        let most_m = steps(&recording).map(beyond_m).fold(f64::NEG_INFINITY, f64::max);
+        println!("{law}: {:.1} m inside the fence", -most_m);
+        assert!(most_m < 0.0, "{law}: {most_m} m beyond the fence");
+        assert_eq!((report.collisions, report.crashes), (0, 0), "{law}");
+    }
+}
+
+#[test]
+fn a_flock_passes_an_obstacle_on_its_path_without_touching_it() {
+    let sets = ["duration_s=150", "mission.steps=[{ path_ne_m = [[0, 0], [200, 0]], speed_m_s = 2.0 }]"];
+    let obstacle = StaticObstacle { centre_ne_m: [90.0, 0.0], radius_m: Some(15.0), size_ne_m: None, top_m: None };
+    let (report, recording) = flown(&sets, Some(obstacle), None);
+    let clear_m = |step: &Step| {
+        let position = step.trace.position;
+        math::hypot(position.north_m() - 90.0, position.east_m()) - 15.0
+    };
+    let nearest_m = steps(&recording).map(clear_m).fold(f64::INFINITY, f64::min);
+    println!("nearest to the obstacle: {nearest_m:.1} m");
+    assert!(nearest_m > 0.0, "{nearest_m}");
+    assert_eq!((report.collisions, report.crashes), (0, 0));
+    let passed = recording.tracks.iter().filter(|track| track.steps.last().unwrap().trace.position.north_m() > 120.0);
+    assert_eq!(passed.count(), recording.tracks.len(), "every vehicle has passed it");
+}

@@ -1,0 +1,229 @@
+//! X-Plane's protocol: the decoders, the stand-in's side and the agent's side.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::time::Duration;
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use skein_agent::plant::xplane::client::{Client, Indices};
+use skein_agent::plant::xplane::server::{Server, Surroundings, Version};
+use skein_agent::plant::xplane::wire::aircraft::{Move, Physics};
+use skein_agent::plant::xplane::wire::becn::Beacon;
+use skein_agent::plant::xplane::wire::dref::Write;
+use skein_agent::plant::xplane::wire::operation::{Alert, Command as RunCommand, End, Situation};
+use skein_agent::plant::xplane::wire::prel::Placement;
+use skein_agent::plant::xplane::wire::rows::{self, Row};
+use skein_agent::plant::xplane::wire::rpos::{Position, PositionRequest};
+use skein_agent::plant::xplane::wire::rref::{self, DatarefRequest};
+use skein_agent::plant::xplane::wire::{MAX_DATAGRAM, aircraft, radr};
+use skein_common::frame::{Geodetic, Origin};
+use skein_common::time::PlantTime;
+use skein_core::aircraft::Profile;
+use skein_core::plant::{Command, Controls, Frame, GroundTruth};
+use skein_host::clock::now;
+
+use super::agent::measurement;
+use super::inputs::{cases, damaged, number};
+
+const SIMULATOR: Ipv4Addr = Ipv4Addr::LOCALHOST;
+const DATAREFS: [&str; 8] = [
+    "sim/flightmodel/position/latitude",
+    "sim/time/paused",
+    "sim/operation/override/override_joystick",
+    "sim/joystick/yoke_roll_ratio",
+    "sim/cockpit2/engine/actuators/prop_ratio[0]",
+    "sim/cockpit2/engine/actuators/throttle_ratio[15]",
+    "sim/network/dataout/network_data_rate",
+    "sim/weather/region/wind_speed_msc[3]",
+];
+
+fn encoded(encode: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
+    let mut datagram = Vec::new();
+    encode(&mut datagram);
+    datagram
+}
+
+fn position() -> Position {
+    Position { latitude_deg: 28.0, longitude_deg: -82.0, elevation_m: 20.0, height_m: 20.0, ..Position::default() }
+}
+
+/// What clients send.
+fn requests() -> Vec<Vec<u8>> {
+    let placement = Placement {
+        aircraft: 0,
+        latitude_deg: 28.0,
+        longitude_deg: -82.0,
+        elevation_m: 0.0,
+        heading_deg: 90.0,
+        speed_m_s: 0.0,
+    };
+    let pose = Move {
+        physics: Physics::Stop,
+        aircraft: 3,
+        latitude_deg: 28.0,
+        longitude_deg: -82.0,
+        elevation_m: 30.0,
+        heading_deg: 90.0,
+        pitch_deg: 0.0,
+        roll_deg: 0.0,
+    };
+    let mut all = vec![
+        encoded(|out| PositionRequest { rate_hz: 50 }.encode(out)),
+        encoded(|out| placement.encode(out)),
+        encoded(|out| pose.encode(out)),
+        encoded(|out| radr::RadarRequest { rate_hz: 10 }.encode(out)),
+        encoded(|out| rows::encode_rows(&[Row { index: 8, values: [Some(0.1); 8] }; 2], out).unwrap()),
+        b"ISE4\0\x40\0\0\x00127.0.0.1\0\0\0\0\0\0\x0049005\0\0\0\x01\0\0\0".to_vec(),
+        b"DSEL\0\x03\0\0\0\x11\0\0\0".to_vec(),
+    ];
+    for path in DATAREFS {
+        for frequency_hz in [20, 0] {
+            all.push(encoded(|out| DatarefRequest { frequency_hz, index: 7, path }.encode(out).unwrap()));
+        }
+        all.push(encoded(|out| Write { value: 0.5, path }.encode(out).unwrap()));
+        all.push(encoded(|out| Write { value: 1.0, path }.encode(out).unwrap()));
+    }
+    for path in ["sim/operation/pause_toggle", "sim/operation/reset_flight", "sim/none"] {
+        all.push(encoded(|out| RunCommand { path }.encode(out).unwrap()));
+    }
+    all
+}
+
+/// What a simulator sends to a client that asked with these indices.
+fn replies(indices: &[i32]) -> Vec<Vec<u8>> {
+    let values: Vec<_> = indices.iter().map(|index| (*index, 1.0)).collect();
+    let beacon = Beacon {
+        minor: 2,
+        host_id: 1,
+        version: 124_000,
+        role: 1,
+        port: 49_000,
+        name: "x-plane".to_owned(),
+        raknet_port: Some(49_010),
+    };
+    let mut all = vec![
+        encoded(|out| position().encode(out)),
+        encoded(|out| Position { latitude_deg: 28.001, yaw_rate_rad_s: 3.0, ..position() }.encode(out)),
+        encoded(|out| rref::encode_values(&values, out).unwrap()),
+        encoded(|out| beacon.encode(out).unwrap()),
+    ];
+    all.extend(values.iter().map(|value| encoded(|out| rref::encode_values(&[*value], out).unwrap())));
+    all
+}
+
+/// Decodes a datagram as each message. Those that are accepted give the same message again from their own bytes.
+fn decode_as_each(datagram: &[u8]) {
+    if let Ok(position) = Position::decode(datagram) {
+        assert!(position.latitude_deg.abs() <= 90.0 && position.longitude_deg.abs() <= 180.0);
+        assert_eq!(Position::decode(&encoded(|out| position.encode(out))), Ok(position));
+    }
+    if let Ok(request) = PositionRequest::decode(datagram) {
+        assert_eq!(PositionRequest::decode(&encoded(|out| request.encode(out))), Ok(request));
+    }
+    if let Ok(request) = DatarefRequest::decode(datagram) {
+        let again = encoded(|out| request.encode(out).unwrap());
+        assert_eq!(DatarefRequest::decode(&again), Ok(request));
+    }
+    if let Ok(write) = Write::decode(datagram) {
+        assert!(write.value.is_finite());
+        let again = encoded(|out| write.encode(out).unwrap());
+        assert_eq!(Write::decode(&again), Ok(write));
+    }
+    if let Ok(placement) = Placement::decode(datagram) {
+        assert_eq!(Placement::decode(&encoded(|out| placement.encode(out))), Ok(placement));
+    }
+    if let Ok(pose) = Move::decode(datagram) {
+        assert_eq!(Move::decode(&encoded(|out| pose.encode(out))), Ok(pose));
+    }
+    if let Ok(beacon) = Beacon::decode(datagram) {
+        let again = encoded(|out| beacon.encode(out).unwrap());
+        assert_eq!(Beacon::decode(&again), Ok(beacon));
+    }
+    if let Ok(rows) = rows::decode_rows(datagram) {
+        assert!(rows.iter().flat_map(|row| row.values).flatten().all(f32::is_finite));
+    }
+    if let Ok(values) = rref::decode_values(datagram) {
+        assert!(values.len() * 8 + 5 == datagram.len());
+    }
+    let _ = (RunCommand::decode(datagram), Situation::decode(datagram), Alert::decode(datagram), End::decode(datagram));
+    let _ = (aircraft::Load::decode(datagram), radr::RadarRequest::decode(datagram));
+}
+
+fn sender() -> impl Strategy<Value = SocketAddr> {
+    (0_u8..3, 0_u16..3).prop_map(|(host, port)| (Ipv4Addr::new(127, 0, 0, 1 + host), 5000 + port).into())
+}
+
+#[test]
+fn a_datagram_is_refused_or_decoded() {
+    let examples = [requests(), replies(&[1, 2, 3])].concat();
+    examples.iter().for_each(|example| decode_as_each(example));
+    proptest!(cases(40_000), |(datagram in damaged(examples))| decode_as_each(&datagram));
+}
+
+#[test]
+fn the_stand_in_takes_any_datagram_and_sends_only_whole_messages() {
+    let received = vec((damaged(requests()), sender()), 0..40);
+    proptest!(cases(2_000), |(received in received, is_11 in any::<bool>())| {
+        let version = if is_11 { Version::V11 } else { Version::V12 };
+        let mut server = Server::new(version, 50, Surroundings::default());
+        for (nth, (datagram, from)) in received.iter().enumerate() {
+            let _ = server.handle(datagram, *from);
+            let controls = server.take_controls();
+            prop_assert!(controls.is_none_or(|controls| controls.is_within_limits()), "{controls:?}");
+            let frame = Frame {
+                time: PlantTime::from_seconds(0.02 * nth as f64),
+                measurement: measurement(),
+                truth: GroundTruth::default(),
+            };
+            server.publish(&frame, 0.02, |_, sent| {
+                assert!(sent.len() <= MAX_DATAGRAM);
+                let is_whole = Position::decode(sent).is_ok()
+                    || rref::decode_values(sent).is_ok()
+                    || rows::decode_rows(sent).is_ok()
+                    || radr::RadarPoint::decode(sent).is_ok()
+                    || radr::RadarPoint11::decode(sent).is_ok();
+                assert!(is_whole, "{sent:?}");
+            });
+        }
+    });
+}
+
+#[test]
+fn an_agent_takes_any_datagram_and_writes_only_controls_within_their_travel() {
+    let indices: Vec<i32> = (1000..1011).collect();
+    let drawn = || {
+        let mut next = 1000_i32;
+        Indices::draw(|bytes| {
+            for place in bytes.chunks_mut(4) {
+                place.copy_from_slice(&next.to_le_bytes());
+                next += 1;
+            }
+            true
+        })
+    };
+    let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
+    let step = (damaged(replies(&indices)), sender(), 0_u64..60, [number(), number(), number(), number()]);
+    proptest!(cases(2_000), |(steps in vec(step, 0..60))| {
+        let mut client = Client::new(&origin, &Profile::default(), 50, drawn().unwrap()).unwrap();
+        let mut at = now();
+        let mut sent: Vec<Vec<u8>> = Vec::new();
+        for (datagram, from, later_ms, [roll, pitch, yaw, collective]) in steps {
+            at += Duration::from_millis(later_ms);
+            client.renew(at, &mut |datagram| sent.push(datagram.to_vec()));
+            client.receive(&datagram, from, IpAddr::V4(SIMULATOR), at);
+            if let Some(frame) = client.frame() {
+                prop_assert!(frame.truth.position.is_finite() && frame.measurement.velocity.is_finite());
+                prop_assert!(frame.measurement.attitude.is_finite() && frame.measurement.rates.is_finite());
+            }
+            let controls = Command::Controls(Controls { roll, pitch, yaw, collective });
+            client.command(controls, at, &mut |datagram| sent.push(datagram.to_vec()));
+            for datagram in sent.drain(..) {
+                let Ok(Write { path, value }) = Write::decode(&datagram) else {
+                    prop_assert!(PositionRequest::decode(&datagram).is_ok() || DatarefRequest::decode(&datagram).is_ok());
+                    continue;
+                };
+                prop_assert!((-1.0..=1.0).contains(&value), "{path} = {value}");
+            }
+        }
+    });
+}
