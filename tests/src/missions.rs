@@ -5,6 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
+use std::ops::Range;
 
 use skein_common::id::VehicleId;
 use skein_common::message::{EventKind, Failure};
@@ -399,9 +400,9 @@ fn inside_m(corners_ne_m: &[[f64; 2]], at_ne_m: [f64; 2]) -> f64 {
     if corners_ne_m.is_empty() { f64::INFINITY } else { of_axis(0).min(of_axis(1)) }
 }
 
-/// The table of this many missions, by the number of faults; then every mission that failed, as small as it can be.
-pub fn table(seeds: u64) -> String {
-    let flights = in_parallel(0..seeds, |seed| {
+/// The table of the missions with these seeds, by the number of faults; then every mission that failed, as small as it can be.
+pub fn table(seeds: Range<u64>) -> String {
+    let flights = in_parallel(seeds, |seed| {
         let mission = Mission::random(seed);
         let flight = fly(&mission);
         (mission, flight)

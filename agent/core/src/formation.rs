@@ -151,6 +151,8 @@ pub struct Formation {
     /// `None` if nothing limits it.
     airspace: Option<Airspace>,
     heights: Heights,
+    /// Where the vehicle waits until it has climbed above another partition, from the centre, north and east, m.
+    waits_at_ne_m: Option<Vector2<f64>>,
     /// All other live members.
     members: VehicleSet,
     strangers: Vec<MovingObstacle>,
@@ -250,6 +252,7 @@ impl Formation {
             shapes,
             steps,
             heights: Heights::default(),
+            waits_at_ne_m: None,
             members: VehicleSet::default(),
             strangers: Vec::new(),
             is_restrained: false,
@@ -359,6 +362,7 @@ impl Formation {
             Task::Wait | Task::Release | Task::Park | Task::Autorotate { .. } => None,
             Task::Formation(goal) => self.fly(dt_s, estimate, goal, partition_rise_m, workspace),
             Task::Stay { at_ne_m, altitude_m, heading_rad, lands } => {
+                self.waits_at_ne_m = None;
                 let command_ne_m_s = (at_ne_m - estimate.position.horizontal()) * VELOCITY_PER_ERROR_PER_S;
                 let feedforward_ne_m_s = Vector2::zeros();
                 let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s, workspace);
@@ -438,11 +442,17 @@ impl Formation {
         };
         self.filter = shape.filter;
         let altitude_m = self.in_airspace_m(altitude_m);
+        let from_centre_ne_m = estimate.position.horizontal() - centre_ne_m;
+        let waits = self.heights.is_climbing_above(altitude_m, estimate);
+        self.waits_at_ne_m = waits.then(|| self.waits_at_ne_m.unwrap_or(from_centre_ne_m));
+        let command_ne_m_s = self.waits_at_ne_m.map_or(command_ne_m_s, |waits_at_ne_m| {
+            ((waits_at_ne_m - from_centre_ne_m) * VELOCITY_PER_ERROR_PER_S).cap_magnitude(FASTEST_M_S)
+        });
         let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s, workspace);
         let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
         let output = FormationOutput { field_ne: field.xy(), setpoint, in_place: false };
         Some(FormationOutput {
-            in_place: reached && output.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M,
+            in_place: reached && !waits && output.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M,
             ..output
         })
     }

@@ -46,7 +46,11 @@ enum Table {
     /// Every law with 4, 8 and 16 vehicles behind a moving centre, in Markdown
     Laws,
     /// Random missions with up to four faults; below, every mission that failed, as small as it can be
-    Missions,
+    Missions {
+        /// The first seed
+        #[arg(long, default_value_t = 0)]
+        first: u64,
+    },
     /// The ring's error with 4 to 32 vehicles, 0 to 50 % loss and 0 to 2 s delay, from the golden file
     Network,
     /// The same flight in virtual time, in real time, and in real time behind X-Plane's protocol, one seed after the
@@ -93,7 +97,7 @@ fn main() -> ExitCode {
             Table::Laws => laws::markdown(&laws::LAWS, &laws::VEHICLES, seeds),
             #[cfg(target_os = "linux")]
             Table::OnePc => skein_tests::one_pc::table(),
-            Table::Missions => missions::table(seeds),
+            Table::Missions { first } => missions::table(first..first + seeds),
             Table::Network => formation_error::markdown(&formation_error::golden()),
             Table::Divergence => divergence::table(seeds),
             Table::Tour => tour::table(&[2, 4, 8, 16], &[0.0, 0.1, 0.2, 0.3], &[0.0, 0.2, 0.5, 1.0], seeds),

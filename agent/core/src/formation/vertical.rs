@@ -16,6 +16,8 @@ const LEASH_M: f64 = 5.0;
 const LOWEST_M: f64 = 5.0;
 /// Height that a partition without the lowest id rises, m: more than the safety distance.
 const PARTITION_RISE_M: f64 = 10.0;
+/// A vehicle whose partition flies above has climbed when it is at most this far below its altitude there, m.
+const CLIMBED_M: f64 = 2.0;
 /// A vehicle has risen when it is at most this far below the centre, m.
 const RISEN_M: f64 = 1.0;
 
@@ -27,6 +29,7 @@ pub struct Heights {
     /// The integrated altitude setpoint, m; `None` while it is not integrated.
     surface_m: Option<f64>,
     has_risen: bool,
+    is_above: bool,
     /// Rise above the altitude without lost peers, m.
     partition_rise_m: f64,
     /// The rise when the stay at a position began: the position's altitude includes it.
@@ -38,10 +41,20 @@ impl Heights {
     /// contact both fly the mission, and neither knows where the other is: of two partitions the one without the lowest
     /// id rises above the other.
     pub fn partition_rise(&mut self, dt_s: f64, is_above: bool) -> f64 {
+        self.is_above = is_above;
         let target_m = if is_above { PARTITION_RISE_M } else { 0.0 };
         let furthest_m = BAND_CHANGE_M_S * dt_s.clamp(0.0, LONGEST_STEP_S);
         self.partition_rise_m += (target_m - self.partition_rise_m).clamp(-furthest_m, furthest_m);
         self.partition_rise_m
+    }
+
+    /// Whether the vehicle's partition flies above another one and the vehicle with this altitude setpoint has not climbed
+    /// there yet. Until then it waits: the vehicles below it are on the way to their new positions, and it would cross
+    /// their ways at their altitude. In a take-off both partitions climb equally fast, so that takes longer than the rise.
+    pub fn is_climbing_above(&self, setpoint_m: f64, estimate: &Estimate) -> bool {
+        let has_own_altitude = self.offset_m.is_some() || !self.has_risen;
+        let below_m = if has_own_altitude { setpoint_m - estimate.position.altitude_m() } else { 0.0 };
+        self.is_above && PARTITION_RISE_M - self.partition_rise_m + below_m > CLIMBED_M
     }
 
     /// Change of the rise since the vehicle has stayed at its position, m. A vehicle that `lands` descends; if it stays

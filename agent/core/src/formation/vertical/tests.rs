@@ -36,6 +36,24 @@ fn a_new_rank_is_reached_at_one_metre_per_second() {
 }
 
 #[test]
+fn a_vehicle_whose_partition_flies_above_waits_until_it_has_climbed() {
+    let mut heights = Heights::default();
+    let mut fly = |is_above, altitude_m: f64| {
+        let rise_m = heights.partition_rise(0.02, is_above);
+        let setpoint_m = heights.in_band(0.02, 30.0 + rise_m, 0.0, 0, 4);
+        (setpoint_m, heights.is_climbing_above(setpoint_m, &at(altitude_m, altitude_m)))
+    };
+    assert!(!fly(false, 5.0).1, "the lower partition never waits");
+    let mut altitude_m = 5.01;
+    for step in 0..1_000 {
+        let (setpoint_m, waits) = fly(true, altitude_m);
+        assert_eq!(waits, altitude_m < 38.0, "step {step}, at {altitude_m} m");
+        altitude_m = (altitude_m + 0.04_f64).min(setpoint_m);
+    }
+    assert!(!fly(false, 40.0).1, "in contact again");
+}
+
+#[test]
 fn on_an_ellipsoid_a_vehicle_first_rises_to_the_centre() {
     let mut heights = Heights::default();
     assert_eq!(heights.on_surface(0.02, 40.0, -1.0, &at(0.3, 0.3)), 40.0);
