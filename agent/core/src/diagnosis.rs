@@ -10,6 +10,8 @@
 //! The expected response follows from the aircraft's flight model; without a model only engine and position are
 //! watched. A servo stuck at its commanded position has no symptom, and is found when it is commanded elsewhere.
 
+use core::ops::Range;
+
 use skein_common::frame::Geodetic;
 use skein_common::math;
 use skein_common::message::Failure;
@@ -31,6 +33,9 @@ const FREE_ABOVE_M: f64 = 1.5;
 /// torque and a crosswind of 14 m/s then drive the tail rotor to its stop, and the nose is blown left although the gyro
 /// works.
 const TAIL_AT_STOP_OVER: f64 = 0.1;
+/// Bank from which the gyro is not judged by a yaw rate towards that side, rad: a vehicle that leans into a strong wind from
+/// the side has a fin that turns the nose into it, with more force than the tail rotor has.
+const WEATHERCOCKS_FROM_RAD: f64 = 0.2;
 /// Lower bound of the vertical share of the thrust, reached at a lean of 0.64 rad.
 const MIN_UPRIGHT: f64 = 0.8;
 /// Longest time step that counts, s.
@@ -208,17 +213,20 @@ impl ControlMonitor {
             if above_trim > 0.0 { (controls.collective - self.trim.collective / upright).max(0.0) } else { above_trim };
         let climb = self.climb.is_wrong(dt_s, lift_above_trim, -velocity.down_m_s(), is_free);
         let lacks_tail = above_trim > TAIL_AT_STOP_OVER;
-        let ignored_from_rad_s = if lacks_tail { f64::NEG_INFINITY } else { 0.0 };
+        let is_weak_left = lacks_tail || attitude.roll_rad < -WEATHERCOCKS_FROM_RAD;
+        let is_weak_right = attitude.roll_rad > WEATHERCOCKS_FROM_RAD;
+        let ignored_rad_s = [(is_weak_left, f64::NEG_INFINITY), (is_weak_right, f64::INFINITY)];
+        let [from_rad_s, to_rad_s] = ignored_rad_s.map(|(is_weak, far_rad_s)| if is_weak { far_rad_s } else { 0.0 });
         let rates = [
-            (&mut self.roll, controls.roll - self.trim.roll, rates.roll_rad_s, 0.0),
-            (&mut self.pitch, controls.pitch - self.trim.pitch, rates.pitch_rad_s, 0.0),
-            (&mut self.yaw, controls.yaw - self.trim.yaw, rates.yaw_rad_s, ignored_from_rad_s),
+            (&mut self.roll, controls.roll - self.trim.roll, rates.roll_rad_s, 0.0..0.0),
+            (&mut self.pitch, controls.pitch - self.trim.pitch, rates.pitch_rad_s, 0.0..0.0),
+            (&mut self.yaw, controls.yaw - self.trim.yaw, rates.yaw_rad_s, from_rad_s..to_rad_s),
         ];
-        let [roll, pitch, yaw] = rates.map(|(rate, deflection, measured_rad_s, ignored_from_rad_s)| {
+        let [roll, pitch, yaw] = rates.map(|(rate, deflection, measured_rad_s, ignored_rad_s)| {
             if !is_free {
                 rate.reset();
             }
-            is_free && rate.differs(dt_s, deflection, measured_rad_s, ignored_from_rad_s)
+            is_free && rate.differs(dt_s, deflection, measured_rad_s, ignored_rad_s)
         });
         let wrong = [
             (roll, Control::Servo(Servo::Roll)),
@@ -251,11 +259,11 @@ impl Rate {
         Self { gain_rad_s, lag_s, expected_rad_s: 0.0, difference_rad_s: 0.0, excess }
     }
 
-    /// A difference between `ignored_from_rad_s` and 0 is ignored: there the vehicle has no control authority left.
-    fn differs(&mut self, dt_s: f64, deflection: f64, measured_rad_s: f64, ignored_from_rad_s: f64) -> bool {
+    /// A difference in the range `ignored_rad_s` is ignored: there the vehicle has no control authority left.
+    fn differs(&mut self, dt_s: f64, deflection: f64, measured_rad_s: f64, ignored_rad_s: Range<f64>) -> bool {
         follow(&mut self.expected_rad_s, self.gain_rad_s * deflection, dt_s / self.lag_s);
         follow(&mut self.difference_rad_s, measured_rad_s - self.expected_rad_s, dt_s / RATE_SMOOTHING_S);
-        let counts = !(ignored_from_rad_s..0.0).contains(&self.difference_rad_s);
+        let counts = !ignored_rad_s.contains(&self.difference_rad_s);
         self.excess.exceeds(dt_s, if counts { self.difference_rad_s.abs() } else { 0.0 })
     }
 

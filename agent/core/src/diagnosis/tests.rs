@@ -328,6 +328,25 @@ fn a_vehicle_on_the_ground_with_a_noisy_velocity_has_no_frozen_position() {
 }
 
 #[test]
+fn a_nose_that_the_wind_turns_against_the_pedals_is_no_failure_of_the_gyro() {
+    let trim = xcell60().trim.controls();
+    // The vehicle banks, its pedals command a turn and its heading stays.
+    let found = |roll_rad: f64, pedals: f64| {
+        let mut diagnosis = Diagnosis::new(&xcell60());
+        (0..300).find_map(|tick| {
+            let mut measured = measured(f64::from(tick), Some(167.0));
+            measured.attitude.roll_rad = roll_rad;
+            diagnosis.update(TICK_S, &measured, Some(Controls { yaw: trim.yaw + pedals, ..trim }))
+        })
+    };
+    assert_eq!(found(-0.3, 0.6), None, "the wind from the left turns the nose left");
+    assert_eq!(found(0.3, -0.6), None, "the wind from the right turns the nose right");
+    for (roll_rad, pedals) in [(-0.3, -0.6), (0.3, 0.6), (0.0, 0.6), (0.0, -0.6)] {
+        assert_eq!(found(roll_rad, pedals), Some(Failure::Gyro), "banked by {roll_rad} rad");
+    }
+}
+
+#[test]
 fn stopped_time_does_not_freeze_the_position() {
     let mut diagnosis = Diagnosis::new(&xcell60());
     for dt_s in [0.0, -5.0] {
