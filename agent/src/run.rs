@@ -43,6 +43,7 @@ use crate::link::{
 use crate::plant::xplane;
 use crate::unix;
 use control::Control;
+use skein_core::energy::Energy;
 use skein_core::formation::UnsupportedScenario;
 use skein_core::neighbourhood::Neighbourhood;
 use skein_core::station::{Clocks, Station};
@@ -204,6 +205,7 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         stop: stop.clone(),
         health,
         recorder,
+        energy: Energy::new(node.aircraft.battery.map(|battery| battery.capacity_wh)),
     };
     let (id, plant) = (node.id, node.plant.name());
     let thread = thread::Builder::new().name("control".to_owned()).spawn(move || {

@@ -36,6 +36,8 @@ pub struct VehicleSample {
     pub error_ne_m: Option<[f64; 2]>,
     /// Controls sent to the plant: roll, pitch, yaw, collective.
     pub controls: Option<[f64; 4]>,
+    /// Share of the vehicle's energy that is left, 0 to 1, where it is known.
+    pub energy_left: Option<f64>,
     /// Timing and counts of the agent's process, where they are known.
     pub process: Option<ProcessFigures>,
     /// Failures that the agent detected of its own vehicle.
@@ -89,6 +91,7 @@ impl VehicleSample {
             field_ne: Some(trace.field_ne),
             error_ne_m: Some(trace.error_ne_m),
             controls: trace.controls,
+            energy_left: None,
             process: health.map(ProcessFigures::from),
             failures: health.map(|health| health.failures.clone()).unwrap_or_default(),
             peers: trace.peers.iter().map(|peer| PeerContact::new(peer.id, peer.age_s, peer.standing)).collect(),
@@ -112,6 +115,7 @@ impl VehicleSample {
             field_ne: summary.field_ne,
             error_ne_m: summary.error_ne_m,
             controls: summary.controls,
+            energy_left: summary.energy_left,
             process: Some(ProcessFigures {
                 frame_rate_hz: summary.frame_rate_hz,
                 jitter_ms: summary.jitter_ms,

@@ -166,7 +166,7 @@ export class MockSwarm {
       velocity_ned_m_s: [...vehicle.v, 0], attitude_rad: [0.02, -0.03, vehicle.heading],
       centre_ne_m: vehicle.centre ? [0, 1].map((axis) => vehicle.centre[axis] + vehicle.place[axis]) : null,
       distance_m: vehicle.distance, gap_deg: vehicle.gap, gap_error_deg: vehicle.gap_error, nearest_m, nearest,
-      setpoint_altitude_m: 30, field_ne: vehicle.v.map((v) => v / 5), error_ne_m: vehicle.v, controls: [0.01, -0.02, 0.03, 0.55],
+      setpoint_altitude_m: 30, field_ne: vehicle.v.map((v) => v / 5), error_ne_m: vehicle.v, controls: [0.01, -0.02, 0.03, 0.55], energy_left: 0.62,
       frame_rate_hz: 50, jitter_ms: 0.1 + 0.3 * vehicle.jitter, step_p99_us: Math.round(20 + 15 * vehicle.jitter), overruns: 0, refused: 0,
       failures: vehicle.failures, order: null, peers,
     };

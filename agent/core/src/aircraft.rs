@@ -25,8 +25,18 @@ pub struct Aircraft {
     pub rotor_speed_rad_s: Option<f64>,
     /// Parameters of the built-in flight model; absent for an aircraft that only X-Plane flies.
     pub helicopter: Option<Parameters>,
+    /// What it flies on.
+    pub battery: Option<Battery>,
     /// The datarefs of its controls.
     pub xplane: Profile,
+}
+
+/// The battery of an aircraft, or its tank. For displays only: a simulated vehicle flies on when it is empty.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Battery {
+    /// Energy of a full battery at the main rotor's shaft, Wh.
+    pub capacity_wh: f64,
 }
 
 /// An aircraft file as written.
@@ -39,6 +49,7 @@ struct AircraftFile {
     gains: Gains,
     rotor_speed_rad_s: Option<f64>,
     helicopter: Option<Parameters>,
+    battery: Option<Battery>,
     #[serde(default)]
     xplane: Profile,
 }
@@ -119,8 +130,14 @@ impl Aircraft {
         if let Some(parameters) = &file.helicopter {
             parameters.check().map_err(|error| written.fault(&error.key(), error.to_string(), None))?;
         }
-        let AircraftFile { gains, rotor_speed_rad_s, helicopter, xplane, .. } = file;
-        Ok(Self { trim, gains, rotor_speed_rad_s, helicopter, xplane })
+        if let Some(Battery { capacity_wh }) = file.battery
+            && !(capacity_wh.is_finite() && capacity_wh > 0.0)
+        {
+            let message = format!("`battery.capacity_wh` is {capacity_wh}, but has to be finite and greater than 0");
+            return Err(written.fault("battery.capacity_wh", message, None).into());
+        }
+        let AircraftFile { gains, rotor_speed_rad_s, helicopter, battery, xplane, .. } = file;
+        Ok(Self { trim, gains, rotor_speed_rad_s, helicopter, battery, xplane })
     }
 }
 
@@ -188,6 +205,11 @@ mod tests {
         assert_eq!(no_number, format!("my/x.toml:{line}:11: {no_number_it_is}"));
         let (tilted, line) = refusal("roll_deg = 4.61", "roll_deg = 461");
         assert_eq!(tilted, format!("my/x.toml:{line}:12: `trim.roll_deg` is 461, but has to be within -45 to 45"));
+        let (empty, line) = refusal("capacity_wh = 600.0", "capacity_wh = 0.0");
+        assert_eq!(
+            empty,
+            format!("my/x.toml:{line}:15: `battery.capacity_wh` is 0, but has to be finite and greater than 0")
+        );
         let (dataref, line) = refusal("[trim]", "[xplane]\nroll = 'a b'\n[trim]");
         assert!(dataref.starts_with(&format!("my/x.toml:{}:8: `xplane.roll`: a dataref is", line - 1)), "{dataref}");
         let no_mass = refusal("mass_kg = 8.2", "# mass_kg = 8.2").0;

@@ -31,6 +31,7 @@ pub mod deadlines;
 pub mod delay;
 pub mod diagnosis;
 mod encoding;
+pub mod energy;
 pub mod estimate;
 pub mod failsafe;
 pub mod fit;

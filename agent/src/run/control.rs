@@ -19,6 +19,7 @@ use crate::inputs::Recorder;
 use crate::link::{Link, Messages};
 use crate::unix;
 use skein_core::agent::Outputs;
+use skein_core::energy::Energy;
 use skein_core::formation::Workspace;
 use skein_core::neighbourhood::Neighbourhood;
 use skein_core::outbox::Outbox;
@@ -60,6 +61,8 @@ pub(super) struct Control {
     pub(super) health: mpsc::Sender<Health>,
     /// Keeps what enters and leaves the station, if there is a folder for it.
     pub(super) recorder: Option<Recorder>,
+    /// The vehicle's energy, for the summary.
+    pub(super) energy: Energy,
 }
 
 /// State kept from one pass of the control loop to the next.
@@ -144,7 +147,8 @@ impl Control {
         self.show_peers(&mut kept.poses);
 
         let trace = frame.and_then(|frame| self.trace(true_time, frame, kept));
-        if frame.is_some() {
+        if let Some(frame) = frame {
+            self.energy.take(frame.time, frame.truth.power_w);
             kept.timing.frame(woken, self.plant.skipped_frames());
             kept.timing.step(woken, done);
         }
@@ -251,6 +255,7 @@ impl Control {
         let TimingSummary { frame_rate_hz, jitter_ms, step_p99_us, .. } = kept.last_second;
         Some(Summary {
             power_w: frame.and_then(|frame| frame.truth.power_w),
+            energy_left: self.energy.left(),
             frame_rate_hz,
             jitter_ms,
             step_p99_us,

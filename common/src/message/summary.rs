@@ -49,6 +49,10 @@ pub struct Summary {
     pub controls: Option<[f64; 4]>,
     /// Shaft power that the plant reports, W; null where it does not.
     pub power_w: Option<f64>,
+    /// Share of the vehicle's energy that is left, 0 to 1: all of it when the agent starts, less what the reported power has
+    /// used. Null without a power, for an aircraft without a capacity, and from releases that did not send it.
+    #[serde(default)]
+    pub energy_left: Option<f64>,
     /// Rate of simulator frames over the last second, Hz.
     pub frame_rate_hz: f64,
     /// Largest excess of the time between two frames over their period, over the last second, ms.
@@ -111,7 +115,11 @@ impl Summary {
                 .chain(&mut self.centre_ne_m)
                 .chain(self.field_ne.iter_mut().chain(&mut self.error_ne_m).flatten())
                 .chain(self.controls.iter_mut().flatten())
-                .chain([&mut self.flown_s, &mut self.altitude_setpoint_m, &mut self.power_w].into_iter().flatten());
+                .chain(
+                    [&mut self.flown_s, &mut self.altitude_setpoint_m, &mut self.power_w, &mut self.energy_left]
+                        .into_iter()
+                        .flatten(),
+                );
         numbers.for_each(|number| *number = (*number * 1e3).round() / 1e3);
         self
     }
@@ -124,7 +132,8 @@ impl Message for Summary {
     fn is_plausible(&self) -> bool {
         let Self { position, velocity, attitude, .. } = self;
         let pairs = self.field_ne.iter().chain(&self.error_ne_m).chain([&self.centre_ne_m]).flatten();
-        let options = self.flown_s.iter().chain(&self.altitude_setpoint_m).chain(&self.power_w);
+        let options =
+            self.flown_s.iter().chain(&self.altitude_setpoint_m).chain(&self.power_w).chain(&self.energy_left);
         let timing = [self.frame_rate_hz, self.jitter_ms, self.step_p99_us];
         position.is_none_or(|position| position.is_finite() && position.0.norm() < MAX_DISTANCE_M)
             && velocity.is_finite()
@@ -180,6 +189,7 @@ mod tests {
             error_ne_m: Some([1.5, 0.0]),
             controls: Some([0.0, 0.1, -0.1, 0.5]),
             power_w: None,
+            energy_left: Some(0.75),
             frame_rate_hz: 50.0,
             jitter_ms: 0.2,
             step_p99_us: 24.0,
@@ -191,7 +201,7 @@ mod tests {
     }
 
     /// What a program in another language reads.
-    const GOLDEN: &str = r#"{"version":7,"header":{"sender":3,"incarnation":1000000,"sequence":42,"stamp":1500000000},"plant_time":2000000000,"flown_s":12.34,"activity":"Formation","membership":"Active","step":1,"reached":0,"live":4,"position":[99.5,-1.25,-30.0],"velocity":[0.1,0.0,-0.2],"attitude":{"roll_rad":0.01,"pitch_rad":-0.02,"heading_rad":1.5},"centre_ne_m":[0.0,0.5],"altitude_setpoint_m":30.0,"field_ne":[0.1,-0.1],"error_ne_m":[1.5,0.0],"controls":[0.0,0.1,-0.1,0.5],"power_w":null,"frame_rate_hz":50.0,"jitter_ms":0.2,"step_p99_us":24.0,"frame_overruns":0,"dropped":2,"failures":["Engine"],"peers":[[1,85,"Fresh"],[2,85,"Fresh"]]}"#;
+    const GOLDEN: &str = r#"{"version":7,"header":{"sender":3,"incarnation":1000000,"sequence":42,"stamp":1500000000},"plant_time":2000000000,"flown_s":12.34,"activity":"Formation","membership":"Active","step":1,"reached":0,"live":4,"position":[99.5,-1.25,-30.0],"velocity":[0.1,0.0,-0.2],"attitude":{"roll_rad":0.01,"pitch_rad":-0.02,"heading_rad":1.5},"centre_ne_m":[0.0,0.5],"altitude_setpoint_m":30.0,"field_ne":[0.1,-0.1],"error_ne_m":[1.5,0.0],"controls":[0.0,0.1,-0.1,0.5],"power_w":null,"energy_left":0.75,"frame_rate_hz":50.0,"jitter_ms":0.2,"step_p99_us":24.0,"frame_overruns":0,"dropped":2,"failures":["Engine"],"peers":[[1,85,"Fresh"],[2,85,"Fresh"]]}"#;
 
     #[test]
     fn a_summary_is_the_golden_json() {
@@ -242,6 +252,7 @@ mod tests {
             error_ne_m: Some([long; 2]),
             controls: Some([long; 4]),
             power_w: Some(-long),
+            energy_left: Some(-long),
             frame_overruns: u64::MAX,
             dropped: u64::MAX,
             failures: vec![Failure::Altitude; Failure::KINDS],

@@ -139,6 +139,8 @@ pub(super) struct Vehicle {
     pub(super) field_ne: Option<[f64; 2]>,
     pub(super) error_ne_m: Option<[f64; 2]>,
     pub(super) controls: Option<[f64; 4]>,
+    /// Share of the energy that is left, 0 to 1.
+    pub(super) energy_left: Option<f64>,
     pub(super) frame_rate_hz: Option<f64>,
     pub(super) jitter_ms: Option<f64>,
     pub(super) step_p99_us: Option<f64>,
@@ -290,6 +292,7 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
         field_ne: sample.field_ne.map(|field| field.map(rounded)),
         error_ne_m: sample.error_ne_m.map(|error| error.map(rounded)),
         controls: sample.controls.map(|controls| controls.map(rounded)),
+        energy_left: sample.energy_left.map(rounded),
         frame_rate_hz: process.map(|process| rounded(process.frame_rate_hz)),
         jitter_ms: process.map(|process| rounded(process.jitter_ms)),
         step_p99_us: process.map(|process| rounded(process.step_p99_us)),

@@ -49,6 +49,7 @@ fn observed(number: u8, silent_s: f64, change: impl FnOnce(&mut VehicleSample)) 
         field_ne: Some([0.1, -0.1]),
         error_ne_m: Some([1.5, 0.0]),
         controls: None,
+        energy_left: Some(0.5),
         process: Some(ProcessFigures {
             frame_rate_hz: 50.0,
             jitter_ms: 0.2,
@@ -93,7 +94,7 @@ fn a_snapshot_is_the_golden_json() {
         "live": 4, "ne_m": [0.0, 100.0], "altitude_m": 30.0, "velocity_ned_m_s": [1.0, -2.0, 0.5],
         "attitude_rad": [0.01, -0.02, 1.5], "centre_ne_m": [0.0, 0.0], "distance_m": 100.0, "gap_deg": 90.0,
         "gap_error_deg": 0.0, "nearest_m": 141.421, "nearest": "2", "setpoint_altitude_m": 30.0, "field_ne": [0.1, -0.1],
-        "error_ne_m": [1.5, 0.0], "controls": null, "frame_rate_hz": 50.0, "jitter_ms": 0.2, "step_p99_us": 24.0,
+        "error_ne_m": [1.5, 0.0], "controls": null, "energy_left": 0.5, "frame_rate_hz": 50.0, "jitter_ms": 0.2, "step_p99_us": 24.0,
         "overruns": 0, "refused": 2, "failures": [], "order": null,
         "peers": [["2", 82, "fresh"], ["3", 83, "fresh"], ["4", 84, "fresh"]],
     });

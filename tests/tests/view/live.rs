@@ -138,6 +138,8 @@ fn a_live_swarm_is_shown_where_it_is_and_a_killed_vehicle_becomes_a_ghost() {
     assert!(worst_m < 1.0, "{worst_m} m off");
     let peers = vehicle(&page.snapshot(), "1")["peers"].as_array().unwrap().clone();
     assert!(peers.len() == 3 && peers.iter().all(|peer| peer[2] == "fresh"), "{peers:?}");
+    #[cfg(target_os = "linux")]
+    the_table_on_a_terminal_shows(&place, "ghost", 4);
 
     let mut other = Socket::open(server.address);
     other.wait_for("hello", |message| message["type"] == "hello");
@@ -161,6 +163,26 @@ fn a_live_swarm_is_shown_where_it_is_and_a_killed_vehicle_becomes_a_ghost() {
     let events = later.wait_for("events", |message| message["type"] == "events");
     assert!(events["events"].as_array().unwrap().iter().any(|event| event["text"] == "lost contact with vehicle 3"));
     flight.end();
+}
+
+/// `skein view --terminal` on a terminal of its own: it shows so many vehicles in formation, and ends with the key q.
+#[cfg(target_os = "linux")]
+fn the_table_on_a_terminal_shows(place: &Place, swarm: &str, vehicles: usize) {
+    use std::io::Write;
+    let typed = place.path("terminal");
+    let command = format!("stty rows 40 cols 200; exec {} view --terminal --swarm {swarm}", super::PROGRAM);
+    let mut terminal = std::process::Command::new("script");
+    terminal.args(["--quiet", "--return", "--flush", "--command", &command]).arg(&typed);
+    terminal.env("XDG_RUNTIME_DIR", place.path("runtime")).env("TERM", "xterm-256color");
+    let mut child = terminal.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let until = Instant::now() + Duration::from_secs(30);
+    // The first picture is complete, and later ones have what is new in them.
+    while String::from_utf8_lossy(&fs::read(&typed).unwrap_or_default()).matches("formation").count() < vehicles {
+        assert!(Instant::now() < until, "{}", String::from_utf8_lossy(&fs::read(&typed).unwrap_or_default()));
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    child.stdin.as_mut().unwrap().write_all(b"q").unwrap();
+    assert!(child.wait().unwrap().success(), "the key q ends it");
 }
 
 #[test]

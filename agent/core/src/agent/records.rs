@@ -55,7 +55,7 @@ impl Agent {
     }
 
     /// What the vehicle believes after this step, for displays. The caller fills in what only real time has: the time flown,
-    /// the power that the plant reports, the timing and the count of dropped messages.
+    /// the power that the plant reports and the energy left, the timing and the count of dropped messages.
     pub fn summary(&self, header: Header, now: Now) -> Summary {
         let LastStep { membership, activity, estimate, output, command, .. } = &self.last;
         let setpoint = output.as_ref().map(|output| &output.setpoint);
@@ -77,6 +77,7 @@ impl Agent {
             error_ne_m: setpoint.map(|setpoint| setpoint.error_ne_m().into()),
             controls: controls(*command),
             power_w: None,
+            energy_left: None,
             frame_rate_hz: 0.0,
             jitter_ms: 0.0,
             step_p99_us: 0.0,

@@ -204,7 +204,7 @@ impl System {
         if now >= self.next_heartbeat || has_changed {
             self.next_heartbeat = now + HEARTBEAT;
             messages.push(telemetry::heartbeat(sample));
-            messages.push(telemetry::system_status());
+            messages.push(telemetry::system_status(sample));
             messages.push(telemetry::extended_state(sample));
             messages.push(telemetry::home(&self.home));
         }

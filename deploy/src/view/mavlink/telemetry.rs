@@ -70,12 +70,12 @@ pub(super) fn hud(sample: &VehicleSample, origin: &Origin) -> MavMessage {
     })
 }
 
-/// State of the systems: neither battery nor load is known.
-pub(super) fn system_status() -> MavMessage {
+/// State of the systems: the energy left, in per cent. Voltage, current and load are unknown.
+pub(super) fn system_status(sample: &VehicleSample) -> MavMessage {
     MavMessage::SYS_STATUS(SYS_STATUS_DATA {
         voltage_battery: u16::MAX,
         current_battery: -1,
-        battery_remaining: -1,
+        battery_remaining: sample.energy_left.map_or(-1, |left| (left * 100.0).round().clamp(0.0, 100.0) as i8),
         ..SYS_STATUS_DATA::DEFAULT
     })
 }

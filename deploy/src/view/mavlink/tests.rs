@@ -43,6 +43,7 @@ fn sample(activity: Activity) -> VehicleSample {
         field_ne: None,
         error_ne_m: None,
         controls: Some([0.0, 0.0, 0.0, 0.55]),
+        energy_left: Some(0.746),
         process: None,
         failures: Vec::new(),
         peers: Vec::new(),
@@ -121,8 +122,12 @@ fn positions_and_velocities_are_degrees_millimetres_and_centimetres_in_north_eas
     assert!(attitude.rollspeed.is_nan(), "unknown");
     let MavMessage::VFR_HUD(hud) = telemetry::hud(&sample(Activity::Formation), &origin) else { panic!() };
     assert_eq!((hud.groundspeed, hud.climb, hud.heading, hud.throttle), (2.5, 0.25, 270, 55));
-    let MavMessage::SYS_STATUS(status) = telemetry::system_status() else { panic!() };
-    assert_eq!((status.battery_remaining, status.voltage_battery, status.current_battery), (-1, u16::MAX, -1));
+    for (energy_left, battery_remaining) in [(Some(0.746), 75), (Some(0.0), 0), (None, -1)] {
+        let sample = VehicleSample { energy_left, ..sample(Activity::Formation) };
+        let MavMessage::SYS_STATUS(status) = telemetry::system_status(&sample) else { panic!() };
+        assert_eq!(status.battery_remaining, battery_remaining);
+        assert_eq!((status.voltage_battery, status.current_battery), (u16::MAX, -1), "unknown");
+    }
 }
 
 #[test]

@@ -26,6 +26,9 @@ const LINES = [
   ["field", "value of the formation field at the vehicle, north and east", ({ field_ne }) => vector(field_ne, 3)],
   ["error", "position error, north and east", ({ error_ne_m }) => `${vector(error_ne_m)} m`],
   ["controls", "roll, pitch, yaw, collective", ({ controls }) => vector(controls, 2)],
+  ["energy", "share of the battery, or of the tank, that is left", ({ energy_left }) => (
+    Number.isFinite(energy_left) ? `${format.number(energy_left * 100)} % left` : "–"
+  )],
   ["agent", "duration of a step: 99 of 100 are shorter", ({ step_p99_us }) => `step p99 ${format.number(step_p99_us)} µs`],
 ];
 
