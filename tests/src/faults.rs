@@ -1,6 +1,6 @@
 //! Every fault in a small mission in wind: its effect on the swarm, and the time until the swarm recovers.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Scenario, Source, load};
@@ -32,10 +32,10 @@ const STRONGEST_M_S: f64 = 10.0;
 const LIMIT_S: f64 = 900.0;
 
 /// One flight with one fault.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct FaultFlight {
-    /// Number of pairs, with at least one healthy vehicle, that came closer than the collision distance.
-    pub collisions: usize,
+    /// Pairs, with at least one healthy vehicle, that came closer than the collision distance, with the time, s.
+    pub collisions: BTreeMap<(VehicleId, VehicleId), f64>,
     /// Least distance between two airborne vehicles, m.
     pub closest_m: f64,
     /// Whether every healthy vehicle finished the mission.
@@ -97,14 +97,14 @@ pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> FaultFlight {
     let at_s = study.scenario.mission.events.first().map(|event| event.at_s);
     let victim = VehicleId::new(2).expect("an id");
     let mut flight = FaultFlight { closest_m: f64::INFINITY, ..FaultFlight::default() };
-    let (mut began_s, mut step_then, mut near) = (None, 0, BTreeSet::new());
+    let (mut began_s, mut step_then) = (None, 0);
     while world.t_s() < LIMIT_S && !flight.finished {
         world.tick();
         if began_s.is_none() && world.all_active() {
             began_s = Some(world.t_s());
         }
         let Some(began_s) = began_s else { continue };
-        look_at_pairs(&world, &mut flight, &mut near);
+        look_at_pairs(&world, &mut flight);
         let since_s = at_s.map(|at_s| world.t_s() - began_s - at_s);
         let healthy = || world.vehicles().filter(|(id, ..)| *id != victim || fault.is_none());
         let step = healthy().map(|(_, agent, ..)| agent.at_step()).min().unwrap_or(0);
@@ -132,20 +132,19 @@ pub fn fly(fault: Option<&str>, vehicles: usize, seed: u64) -> FaultFlight {
         flight.finished = healthy().all(|(_, agent, ..)| agent.has_finished());
         flight.mission_s = world.t_s() - began_s;
     }
-    flight.collisions = near.len();
     flight
 }
 
-fn look_at_pairs(world: &World, flight: &mut FaultFlight, near: &mut BTreeSet<(VehicleId, VehicleId)>) {
+fn look_at_pairs(world: &World, flight: &mut FaultFlight) {
     for (one, other, distance_m) in airborne_pairs(world) {
         flight.closest_m = flight.closest_m.min(distance_m);
         if distance_m < COLLISION_M {
-            near.insert((one, other));
+            flight.collisions.entry((one, other)).or_insert(world.t_s());
         }
     }
 }
 
-/// The table of every fault with each of these numbers of vehicles, over this many seeds.
+/// The table of every fault with each of these numbers of vehicles, over this many seeds; then every collision.
 pub fn table(vehicles: &[usize], seeds: u64) -> String {
     let mut lines = vec![format!(
         "{:<17} {:>8} {:>6} {:>10} {:>9} {:>9} {:>15} {:>15} {:>15} {:>17}",
@@ -163,16 +162,25 @@ pub fn table(vehicles: &[usize], seeds: u64) -> String {
     let cells = vehicles.iter().flat_map(|&n| {
         [("none", None)].into_iter().chain(FAULTS.map(|(name, event)| (name, Some(event)))).map(move |fault| (n, fault))
     });
+    let mut collisions = Vec::new();
     for (vehicles, (name, fault)) in cells {
         let flights = in_parallel(0..seeds, |seed| fly(fault, vehicles, seed));
         lines.push(row(name, vehicles, &flights));
+        for (seed, flight) in flights.iter().enumerate() {
+            collisions.extend(flight.collisions.iter().map(|((one, other), t_s)| {
+                format!(
+                    "{name}, {vehicles} vehicles, seed {seed}: collision of vehicles {one} and {other} at {t_s:.1} s"
+                )
+            }));
+        }
     }
+    lines.append(&mut collisions);
     lines.join("\n")
 }
 
 fn row(name: &str, vehicles: usize, flights: &[FaultFlight]) -> String {
     let of = |figure: fn(&FaultFlight) -> Option<f64>| median_and_worst(flights.iter().map(figure));
-    let collisions: usize = flights.iter().map(|flight| flight.collisions).sum();
+    let collisions: usize = flights.iter().map(|flight| flight.collisions.len()).sum();
     let finished = flights.iter().filter(|flight| flight.finished).count();
     let closest_m = flights.iter().map(|flight| flight.closest_m).fold(f64::INFINITY, f64::min);
     format!(

@@ -49,7 +49,7 @@ fn no_fault_of_one_vehicle_stops_the_mission_of_the_others() {
     for (name, fault) in faults::FAULTS {
         for (seed, flight) in in_parallel(2..5, |seed| faults::fly(Some(fault), 4, seed)).iter().enumerate() {
             let case = format!("{name}, seed {}: {flight:?}", seed + 2);
-            assert_eq!(flight.collisions, 0, "{case}");
+            assert!(flight.collisions.is_empty(), "{case}: {:?}", flight.collisions);
             assert!(flight.finished, "{case}");
             let (is_noticed, is_back) = (flight.noticed_s.is_some(), flight.back_s.is_some());
             match name {

@@ -34,6 +34,7 @@ use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
+use core::ops::RangeInclusive;
 
 use nalgebra::{Vector2, Vector3};
 use skein_common::frame::{PositionNed, VelocityNed};
@@ -151,6 +152,8 @@ pub struct Formation {
     /// `None` if nothing limits it.
     airspace: Option<Airspace>,
     heights: Heights,
+    /// The mission step that was last flown, counted from 0.
+    step: usize,
     /// Where the vehicle waits until it has climbed above another partition, from the centre, north and east, m.
     waits_at_ne_m: Option<Vector2<f64>>,
     /// All other live members.
@@ -252,6 +255,7 @@ impl Formation {
             shapes,
             steps,
             heights: Heights::default(),
+            step: 0,
             waits_at_ne_m: None,
             members: VehicleSet::default(),
             strangers: Vec::new(),
@@ -354,7 +358,16 @@ impl Formation {
     ) -> Option<FormationOutput> {
         workspace.split_peers(estimate, others.near);
         self.members = others.members;
-        let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above);
+        if let Task::Formation(goal) = task {
+            self.step = goal.step;
+        }
+        let own_m = match task {
+            Task::Formation(_) => self.altitude_m(self.step).inspect(|altitude_m| self.heights.begin_step(*altitude_m)),
+            Task::Stay { altitude_m, lands: false, .. } => Some(self.heights.stay_without_rise_m(*altitude_m)),
+            _ => None,
+        };
+        let altitudes_m = own_m.zip(self.possible_m());
+        let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above, altitudes_m);
         if let (Some(external), false) = (&mut self.external, matches!(task, Task::Formation(_))) {
             external.suspend();
         }
@@ -455,6 +468,17 @@ impl Formation {
             in_place: reached && !waits && output.altitude_error_m(estimate).abs() < mission::AT_ALTITUDE_M,
             ..output
         })
+    }
+
+    /// The altitude of the formation in this step, m.
+    fn altitude_m(&self, step: usize) -> Option<f64> {
+        self.shapes.get(*self.steps.get(step)?).map(|shape| shape.altitude_m)
+    }
+
+    /// The altitudes at which another partition may be, m: it may be a step behind, and any number ahead.
+    fn possible_m(&self) -> Option<RangeInclusive<f64>> {
+        let all = || (self.step.saturating_sub(1)..self.steps.len()).filter_map(|step| self.altitude_m(step));
+        Some(all().reduce(f64::min)?..=all().reduce(f64::max)?)
     }
 
     /// The altitude nearest to this one between floor and ceiling of the airspace, m.

@@ -149,6 +149,7 @@ fn a_summary_is_refused_or_plausible_and_stays_the_same() {
         error_ne_m: None,
         controls: Some([0.1, -0.1, 0.0, 0.5]),
         power_w: Some(900.0),
+        energy_left: Some(0.5),
         frame_rate_hz: 50.0,
         jitter_ms: 1.0,
         step_p99_us: 80.0,

@@ -1,5 +1,7 @@
 //! The altitude setpoint of a vehicle: the band of its rank, or the altitude that the field of an ellipsoid commands.
 
+use core::ops::RangeInclusive;
+
 use crate::estimate::Estimate;
 
 /// Longest time step that counts, s: after a pause of the plant the setpoint does not jump.
@@ -14,8 +16,11 @@ const FASTEST_CLIMB_M_S: f64 = 2.0;
 const LEASH_M: f64 = 5.0;
 /// Lowest altitude setpoint above the ground on an ellipsoid, m.
 const LOWEST_M: f64 = 5.0;
-/// Height that a partition without the lowest id rises, m: more than the safety distance.
+/// Height at which a partition without the lowest id flies above the other one, m: more than the safety distance.
 const PARTITION_RISE_M: f64 = 10.0;
+/// Speed at which a partition rises above the other one, m/s: the vehicles of that one avoid a lost vehicle for ten seconds
+/// after its last message, and then no longer know where it is.
+const PARTITION_CLIMB_M_S: f64 = 2.0;
 /// A vehicle whose partition flies above has climbed when it is at most this far below its altitude there, m.
 const CLIMBED_M: f64 = 2.0;
 /// A vehicle has risen when it is at most this far below the centre, m.
@@ -30,22 +35,53 @@ pub struct Heights {
     surface_m: Option<f64>,
     has_risen: bool,
     is_above: bool,
-    /// Rise above the altitude without lost peers, m.
+    /// Rise above the altitude without lost peers, m, and where it ends.
     partition_rise_m: f64,
+    partition_target_m: f64,
+    /// The altitude to which the rise is added, m, in the last step of a formation.
+    base_m: Option<f64>,
     /// The rise when the stay at a position began: the position's altitude includes it.
     partition_rise_at_stay_m: Option<f64>,
 }
 
 impl Heights {
     /// Rise added to the altitude of a vehicle, m; `is_above` states that its partition flies above. Partitions without
-    /// contact both fly the mission, and neither knows where the other is: of two partitions the one without the lowest
-    /// id rises above the other.
-    pub fn partition_rise(&mut self, dt_s: f64, is_above: bool) -> f64 {
+    /// contact both fly the mission, and neither knows where the other is, nor at which step: of two partitions the one
+    /// without the lowest id rises above every altitude at which the other one may fly. `altitudes_m` are the
+    /// altitude to which the rise is added and the range of those; `None` keeps what they were. A vehicle far below them
+    /// stays below.
+    pub fn partition_rise(
+        &mut self,
+        dt_s: f64,
+        is_above: bool,
+        altitudes_m: Option<(f64, RangeInclusive<f64>)>,
+    ) -> f64 {
         self.is_above = is_above;
-        let target_m = if is_above { PARTITION_RISE_M } else { 0.0 };
-        let furthest_m = BAND_CHANGE_M_S * dt_s.clamp(0.0, LONGEST_STEP_S);
-        self.partition_rise_m += (target_m - self.partition_rise_m).clamp(-furthest_m, furthest_m);
+        self.partition_target_m = match altitudes_m {
+            _ if !is_above => 0.0,
+            Some((own_m, others_m)) if own_m + 2.0 * PARTITION_RISE_M > *others_m.start() => {
+                PARTITION_RISE_M + (others_m.end() - own_m).max(0.0)
+            }
+            Some(_) => PARTITION_RISE_M,
+            None => self.partition_target_m.max(PARTITION_RISE_M),
+        };
+        let dt_s = dt_s.clamp(0.0, LONGEST_STEP_S);
+        let left_m = self.partition_target_m - self.partition_rise_m;
+        self.partition_rise_m += left_m.clamp(-BAND_CHANGE_M_S * dt_s, PARTITION_CLIMB_M_S * dt_s);
         self.partition_rise_m
+    }
+
+    /// Takes the altitude of the step that is flown, m. At a new step a vehicle that flies above keeps its altitude.
+    pub fn begin_step(&mut self, altitude_m: f64) {
+        let before_m = self.base_m.replace(altitude_m).unwrap_or(altitude_m);
+        if self.is_above {
+            self.partition_rise_m = (self.partition_rise_m + before_m - altitude_m).max(0.0);
+        }
+    }
+
+    /// The altitude without a rise of a vehicle that stays at this altitude, m.
+    pub fn stay_without_rise_m(&self, altitude_m: f64) -> f64 {
+        altitude_m - self.partition_rise_at_stay_m.unwrap_or(self.partition_rise_m)
     }
 
     /// Whether the vehicle's partition flies above another one and the vehicle with this altitude setpoint has not climbed
@@ -54,7 +90,7 @@ impl Heights {
     pub fn is_climbing_above(&self, setpoint_m: f64, estimate: &Estimate) -> bool {
         let has_own_altitude = self.offset_m.is_some() || !self.has_risen;
         let below_m = if has_own_altitude { setpoint_m - estimate.position.altitude_m() } else { 0.0 };
-        self.is_above && PARTITION_RISE_M - self.partition_rise_m + below_m > CLIMBED_M
+        self.is_above && self.partition_target_m - self.partition_rise_m + below_m > CLIMBED_M
     }
 
     /// Change of the rise since the vehicle has stayed at its position, m. A vehicle that `lands` descends; if it stays

@@ -39,7 +39,7 @@ fn a_new_rank_is_reached_at_one_metre_per_second() {
 fn a_vehicle_whose_partition_flies_above_waits_until_it_has_climbed() {
     let mut heights = Heights::default();
     let mut fly = |is_above, altitude_m: f64| {
-        let rise_m = heights.partition_rise(0.02, is_above);
+        let rise_m = heights.partition_rise(0.02, is_above, Some((30.0, 30.0..=30.0)));
         let setpoint_m = heights.in_band(0.02, 30.0 + rise_m, 0.0, 0, 4);
         (setpoint_m, heights.is_climbing_above(setpoint_m, &at(altitude_m, altitude_m)))
     };
@@ -51,6 +51,30 @@ fn a_vehicle_whose_partition_flies_above_waits_until_it_has_climbed() {
         altitude_m = (altitude_m + 0.04_f64).min(setpoint_m);
     }
     assert!(!fly(false, 40.0).1, "in contact again");
+}
+
+#[test]
+fn a_partition_flies_above_every_altitude_of_the_other_one_and_keeps_its_own_at_a_new_step() {
+    let (mut heights, mut altitude_m) = (Heights::default(), 30.0);
+    for tick in 0..3_000 {
+        // At the step with 30 m, then at that with 45 m; the other partition may be at either.
+        let own_m = if tick < 2_000 { 30.0 } else { 45.0 };
+        heights.begin_step(own_m);
+        let next_m = own_m + heights.partition_rise(0.02, true, Some((own_m, 30.0..=45.0)));
+        assert!((next_m - altitude_m).abs() < 0.041, "tick {tick}: from {altitude_m} to {next_m} m");
+        altitude_m = next_m;
+    }
+    assert_eq!(altitude_m, 55.0);
+    assert_eq!(heights.partition_rise(0.02, true, None), 10.0, "a landing keeps it");
+    // A vehicle that stays in mid-climb, at 37 m, rises as high.
+    let mut heights = Heights::default();
+    let mut altitude_m = 37.0;
+    for _ in 0..3_000 {
+        let without_rise_m = heights.stay_without_rise_m(37.0);
+        let rise_m = heights.partition_rise(0.02, true, Some((without_rise_m, 30.0..=45.0)));
+        altitude_m = 37.0 + heights.risen_since_stay(rise_m, false);
+    }
+    assert!((altitude_m - 55.0).abs() < 0.03, "{altitude_m} m");
 }
 
 #[test]
@@ -111,8 +135,10 @@ fn the_partition_rise_changes_slowly_and_ends_when_all_peers_return() {
     let mut heights = Heights::default();
     let mut last_m = 0.0;
     for tick in 0..1500 {
-        let above_m = heights.partition_rise(0.02, tick < 750);
-        assert!((above_m - last_m).abs() <= BAND_CHANGE_M_S * 0.02 + 1e-12, "a jump");
+        let above_m = heights.partition_rise(0.02, tick < 750, Some((30.0, 30.0..=30.0)));
+        let change_m = above_m - last_m;
+        let (fall_m, climb_m) = (BAND_CHANGE_M_S * 0.02, PARTITION_CLIMB_M_S * 0.02);
+        assert!((-fall_m - 1e-9..=climb_m + 1e-9).contains(&change_m), "a jump by {change_m} m");
         last_m = above_m;
         if tick == 749 {
             assert!((above_m - PARTITION_RISE_M).abs() < 1e-9, "the full rise after 15 s");
