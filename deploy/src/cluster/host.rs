@@ -9,7 +9,7 @@
 //! | `service` | starting and ending an agent |
 //! | `systemd`, `supervisor` | the services that restart an agent |
 //! | `logs` | the agent's log |
-//! | `probe` | which peers the host can reach |
+//! | `probe` | the host's addresses, and which peers it can reach |
 
 mod files;
 mod install;
