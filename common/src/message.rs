@@ -253,6 +253,9 @@ pub enum EventKind {
     SimulatorFault(SimulatorFault),
     /// The sender does not fly with this setting of an operator: together with the others it cannot be flown.
     SettingRefused(Setting),
+    /// The mission has come to its landing, and the vehicle waits with it: vehicles of another partition, whose places it does
+    /// not know, may be below.
+    LandingWaits,
 }
 
 /// A failure that an agent detected of its own vehicle, from the mildest to the most severe, with the agent's response.
@@ -321,6 +324,7 @@ impl std::fmt::Display for EventKind {
             Self::SettingRefused(setting) => {
                 write!(f, "refuses {setting}, which cannot be flown with the other settings")
             }
+            Self::LandingWaits => f.write_str("waits with its landing, another partition may be below"),
         }
     }
 }

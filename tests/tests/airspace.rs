@@ -3,6 +3,7 @@
 
 use skein_common::math;
 use skein_common::scenario::StaticObstacle;
+use skein_common::state::Activity;
 use skein_lab::metrics::{Report, Run};
 use skein_lab::recording::{Recording, Step};
 use skein_tests::{of_scenario, scenario};
@@ -61,4 +62,28 @@ fn a_flock_passes_an_obstacle_on_its_path_without_touching_it() {
     assert_eq!((report.collisions, report.crashes), (0, 0));
     let passed = recording.tracks.iter().filter(|track| track.steps.last().unwrap().trace.position.north_m() > 120.0);
     assert_eq!(passed.count(), recording.tracks.len(), "every vehicle has passed it");
+}
+
+#[test]
+fn vehicles_are_kept_at_the_floor_above_the_ground_and_land_below_it() {
+    for law in ["ring", "vasarhelyi"] {
+        let law_set = format!("formation.law={law}");
+        let lands = "mission.events=[{ at_s = 60, order = 'land', vehicles = [1] }]";
+        let mut scenario = scenario("hover.toml", &[&law_set, lands, "formation.altitude_m=20", "duration_s=150"]);
+        // `skein check` would refuse it: the formation is below.
+        scenario.airspace.floor_above_ground_m = Some(35.0);
+        let mut recording = Recording::new(&scenario, Run::new(&scenario, "study"));
+        let study = of_scenario(scenario);
+        let report = study.fly_watched(study.scenario.seed, Some((&mut recording, 5.0))).unwrap();
+        assert_eq!((report.collisions, report.crashes), (0, 0), "{law}");
+        for (nth, track) in recording.tracks.iter().enumerate() {
+            let flown = |step: &&Step| step.trace.activity == Activity::Formation && step.t_s > 40.0;
+            let heights_m: Vec<_> = track.steps.iter().filter(flown).map(|step| step.trace.height_m).collect();
+            let least_m = heights_m.iter().copied().fold(f64::INFINITY, f64::min);
+            println!("{law}: {least_m:.1} m above the ground in {} steps", heights_m.len());
+            assert!(heights_m.len() > 50 && least_m > 33.0, "{law}: {least_m} m");
+            let last = track.steps.last().unwrap().trace.activity;
+            assert_eq!(last, if nth == 0 { Activity::Landed } else { Activity::Formation }, "{law}");
+        }
+    }
 }

@@ -317,3 +317,53 @@ fn an_agent_that_hangs_is_restarted_and_so_is_one_on_a_full_disk() {
     let stopped = host.ask("r1", Ask::Stop { within_s: 60.0 });
     assert!(matches!(stopped, Answer::Done { changed: true, forced: false, .. }), "{stopped:?}");
 }
+
+/// What `/proc` says of a process in this line of a file, such as `CapEff:` of `status`.
+#[cfg(target_os = "linux")]
+fn of_process(id: u32, file: &str, line: &str) -> String {
+    let text = fs::read_to_string(format!("/proc/{id}/{file}")).unwrap();
+    let found = text.lines().find_map(|found| found.strip_prefix(line));
+    found.unwrap_or_else(|| panic!("{line} in {text}")).split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The bit of `CAP_SYS_RESOURCE`.
+#[cfg(target_os = "linux")]
+const SYS_RESOURCE: u64 = 1 << 24;
+
+/// Needs root, which alone has capabilities to give up.
+#[test]
+#[cfg(target_os = "linux")]
+fn an_agent_that_root_has_installed_gives_up_roots_capabilities() {
+    if !rustix::process::geteuid().is_root() {
+        assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "this test needs root");
+        return eprintln!("skipped: it needs root");
+    }
+    let host = Host::new();
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    host.done("r1", apply(&bundle(port, 4.0)));
+    let agent = host.done("r1", Ask::Start { run: 1, note: None }).1.agent.unwrap();
+    let own = of_process(std::process::id(), "status", "CapEff:");
+    assert_ne!(own, "0000000000000000", "this test has some");
+    // A container's root may lack the capability to raise limits.
+    let can_raise_limits = u64::from_str_radix(&own, 16).unwrap() & SYS_RESOURCE != 0;
+    let is_powerless = |id: u32| {
+        for set in ["CapInh:", "CapPrm:", "CapEff:", "CapBnd:", "CapAmb:"] {
+            assert_eq!(of_process(id, "status", set), "0000000000000000", "{set}");
+        }
+        assert_eq!(of_process(id, "status", "NoNewPrivs:"), "1");
+        if can_raise_limits {
+            assert_eq!(of_process(id, "limits", "Max realtime priority"), "50 50");
+            assert_eq!(of_process(id, "limits", "Max locked memory"), "unlimited unlimited bytes");
+        }
+    };
+    is_powerless(agent.pid);
+    // The supervisor keeps them, and the agent that it starts next has none either.
+    assert_eq!(of_process(host.supervisor(), "status", "CapEff:"), own);
+    kill(agent.pid);
+    let (agent, _) = host.restarted(agent.pid);
+    is_powerless(agent);
+    wait_until("the vehicle flies", || host.log().contains("vehicle 1 at altitude"));
+    assert!(!host.log().contains("root's capabilities"), "{}", host.log());
+    let stopped = host.ask("r1", Ask::Stop { within_s: 60.0 });
+    assert!(matches!(stopped, Answer::Done { changed: true, forced: false, .. }), "{stopped:?}");
+}

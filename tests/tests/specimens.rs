@@ -10,9 +10,11 @@ use std::path::{Path, PathBuf};
 
 use skein::inventory::Inventory;
 use skein_agent::inputs::InputsReader;
-use skein_common::scenario::{Source, load_any};
+use skein_common::math;
+use skein_common::scenario::{Described, Scenario, Source, load_any};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Sugeno;
+use skein_core::formation::Workspace;
 use skein_lab::record::{self, Player};
 use skein_lab::recording::NotedKind;
 
@@ -46,9 +48,38 @@ fn scenario(path: &Path) -> Given {
     let flown = values(&described.to_toml());
     let lost: Vec<_> = values(&written).into_iter().filter(|value| !flown.contains(value)).collect();
     assert!(lost.is_empty(), "{}: this release flies other values than {lost:#?}", path.display());
-    let scenario = &described.first().scenario;
-    let duration_s = scenario.duration_s.unwrap_or(f64::NAN);
-    Ok(format!("scenario {} of {} vehicles, {duration_s} s", scenario.name, scenario.swarm.vehicles))
+    Ok(summary(&described))
+}
+
+/// A fleet as a user wrote it. What it gives is complete, and gives the same again.
+fn fleet(path: &Path) -> Given {
+    let described = load_any(&Source { name: "fleet.toml", text: &text(path) }, &[])?;
+    let again = load_any(&Source { name: "again.toml", text: &described.to_toml() }, &[])?;
+    let scenarios =
+        |described: &Described| described.all().iter().map(|team| team.scenario.clone()).collect::<Vec<_>>();
+    assert_eq!(scenarios(&described), scenarios(&again), "{}", path.display());
+    Ok(summary(&described))
+}
+
+/// What flies, in a line.
+fn summary(described: &Described) -> String {
+    let first = &described.first().scenario;
+    let duration_s = first.duration_s.unwrap_or(f64::NAN);
+    let Described::Fleet(teams) = described else {
+        return format!("scenario {} of {} vehicles, {duration_s} s", first.name, first.swarm.vehicles);
+    };
+    let count = |is: fn(&Scenario) -> usize| teams.iter().map(|team| is(&team.scenario)).sum::<usize>();
+    let places = teams.iter().filter_map(|team| team.scenario.team).map(|team| team.place_ne_m);
+    let farthest_m = places.map(|[north_m, east_m]| math::hypot(north_m, east_m)).fold(0.0, f64::max);
+    format!(
+        "fleet {} of {} teams with {} vehicles, {} steps and {} events, the farthest {farthest_m:.0} m from the origin, \
+         {duration_s} s",
+        first.name,
+        teams.len(),
+        count(|team| team.swarm.vehicles),
+        count(|team| team.mission.steps.len()),
+        count(|team| team.mission.events.len())
+    )
 }
 
 /// A recording: as reports read it, and as the page plays it.
@@ -70,13 +101,13 @@ fn recording(path: &Path) -> Given {
     ))
 }
 
-/// The inputs of an agent. What its core decides with them may differ from release to release.
+/// The inputs of an agent. The core runs again with all of them; what it decides may differ from release to release.
 fn inputs(path: &Path) -> Given {
     let file = fs::read(path)?;
     let mut reader = InputsReader::new(&file)?;
-    reader.flown().station()?;
-    let mut steps = 0;
-    while reader.next_step()?.is_some() {
+    let (mut station, mut workspace, mut steps) = (reader.flown().station()?, Workspace::default(), 0);
+    while let Some(mut step) = reader.next_step()? {
+        station.step_with(&mut step.inputs, &mut workspace);
         steps += 1;
     }
     Ok(format!("inputs of vehicle {}, {steps} steps", reader.flown().vehicle))
@@ -107,7 +138,8 @@ fn read(path: &Path) -> Option<Given> {
     let extension = path.extension().unwrap_or_default().to_str().unwrap();
     Some(match (name, extension) {
         ("keys", _) | ("expected.txt", _) => return None,
-        ("scenario.toml", _) => scenario(path),
+        ("scenario.toml" | "fleet-complete.toml", _) => scenario(path),
+        ("fleet.toml", _) => fleet(path),
         ("cluster.toml", _) => cluster(path),
         ("aircraft.toml", _) => aircraft(path),
         (_, "mcap") => recording(path),

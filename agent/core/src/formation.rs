@@ -380,7 +380,8 @@ impl Formation {
                 let feedforward_ne_m_s = Vector2::zeros();
                 let relative_velocity_ne_m_s = self.restrain(estimate, command_ne_m_s, feedforward_ne_m_s, workspace);
                 let risen_m = self.heights.risen_since_stay(partition_rise_m, *lands);
-                let altitude_m = if *lands { altitude_m + risen_m } else { self.in_airspace_m(altitude_m + risen_m) };
+                let altitude_m = altitude_m + risen_m;
+                let altitude_m = if *lands { altitude_m } else { self.in_airspace_m(altitude_m, estimate) };
                 let heading_rad = *heading_rad;
                 let setpoint = Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad };
                 Some(FormationOutput { field_ne: Vector2::zeros(), setpoint, in_place: false })
@@ -454,7 +455,7 @@ impl Formation {
             (None, Vertical::Ellipsoid) => self.heights.on_surface(dt_s, level_m, -field.z, estimate),
         };
         self.filter = shape.filter;
-        let altitude_m = self.in_airspace_m(altitude_m);
+        let altitude_m = self.in_airspace_m(altitude_m, estimate);
         let from_centre_ne_m = estimate.position.horizontal() - centre_ne_m;
         let waits = self.heights.is_climbing_above(altitude_m, estimate);
         self.waits_at_ne_m = waits.then(|| self.waits_at_ne_m.unwrap_or(from_centre_ne_m));
@@ -481,9 +482,12 @@ impl Formation {
         Some(all().reduce(f64::min)?..=all().reduce(f64::max)?)
     }
 
-    /// The altitude nearest to this one between floor and ceiling of the airspace, m.
-    fn in_airspace_m(&self, altitude_m: f64) -> f64 {
-        self.airspace.as_ref().map_or(altitude_m, |airspace| airspace.altitude_m(altitude_m))
+    /// The altitude nearest to this one between the floors and the ceiling of the airspace, m.
+    fn in_airspace_m(&self, altitude_m: f64, estimate: &Estimate) -> f64 {
+        let Some(airspace) = &self.airspace else { return altitude_m };
+        // No vehicle is below the ground: a wrong height raises it by the floor at most.
+        let ground_m = estimate.position.altitude_m() - estimate.height_m.max(0.0);
+        airspace.altitude_m(altitude_m, ground_m)
     }
 
     /// The relative velocity after the safety filter, feed-forward included; the commanded velocity if it keeps all

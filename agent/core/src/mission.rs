@@ -22,6 +22,7 @@ pub mod centre;
 pub mod landing;
 pub mod plan;
 pub mod progress;
+mod stay;
 pub mod task;
 
 use alloc::vec::Vec;
@@ -39,7 +40,7 @@ use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions, Response};
 use crate::peers::{PeerProgress, Report};
 use agreement::{Agreement, AgreementState, OtherStates, Progress};
-use landing::{Descent, Landing};
+use landing::Landing;
 use plan::{Kind, Leg};
 use progress::LegProgress;
 pub use task::{MissionGoal, Task};
@@ -126,6 +127,8 @@ pub struct Mission {
     /// Position of the stay; `None` while the vehicle does not stay.
     stay: Option<Place>,
     landing: Option<Landing>,
+    /// Whether the landing waits because another partition may be below.
+    landing_waits: bool,
 }
 
 /// What the agreement's decisions depend on.
@@ -177,6 +180,7 @@ impl Mission {
             is_late: false,
             stay: None,
             landing: None,
+            landing_waits: false,
         }
     }
 
@@ -364,7 +368,7 @@ impl Mission {
         // Above another partition the landing waits: the other one may be flying below, at the same places.
         let is_clear_below = !view.flies_above || self.landing.is_some();
         let is_complete = self.is_at_landing() && self.membership() != Membership::Joining && is_clear_below;
-        match (self.membership(), verb) {
+        let task = match (self.membership(), verb) {
             (_, Some(Verb::Land | Verb::Abort)) if self.stay.is_some() => self.land(now, estimate),
             (_, Some(Verb::Hold)) if is_alone && !self.leaving && !self.is_on_ground() => self.hold_alone(estimate),
             (Membership::Joining, _) if !self.leaving => self.join(estimate),
@@ -373,7 +377,12 @@ impl Mission {
             (_, Some(Verb::Hold)) => self.hold(estimate),
             _ if response == Response::Hold => self.hold(estimate),
             _ => self.fly(now, estimate, view, heartbeats, happened),
-        }
+        };
+        let is_due = self.is_at_landing() && self.membership() == Membership::Active && self.landing.is_none();
+        let waits = is_due && !is_clear_below;
+        happened.extend((waits && !self.landing_waits).then_some(EventKind::LandingWaits));
+        self.landing_waits = waits;
+        task
     }
 
     /// All conditions: those of the earlier stages and the mission's own.
@@ -521,94 +530,6 @@ impl Mission {
         let members = heartbeats.filter(|heartbeat| heartbeat.membership == Membership::Active);
         self.progress.advance(now, leg, in_place, along_m(members, at), self.live);
         self.progress.is_complete(leg)
-    }
-
-    /// Leaves the controls to a human pilot and the agreement to the others. The vehicle follows the others' steps, so that
-    /// it joins again where they are.
-    fn release(&mut self) -> Task {
-        self.leave_agreement();
-        (self.stay, self.landing, self.stuck_s) = (None, None, 0.0);
-        self.activity = Activity::Released;
-        Task::Release
-    }
-
-    /// Holds the position by an order that names this vehicle: the others do not wait for it.
-    fn hold_alone(&mut self, estimate: &Estimate) -> Task {
-        self.landing = None;
-        self.leave_agreement();
-        self.hold(estimate)
-    }
-
-    /// The others do not wait for this vehicle from now on. It listens again before it joins.
-    fn leave_agreement(&mut self) {
-        self.agreement.set_membership(Membership::Joining);
-        self.since = None;
-        self.progress.pause();
-    }
-
-    /// Holds the position; on the ground there is nothing to hold.
-    fn hold(&mut self, estimate: &Estimate) -> Task {
-        self.progress.pause();
-        if estimate.height_m < FLYING_ABOVE_M && !self.at_altitude && self.stay.is_none() {
-            self.activity = Activity::Holding;
-            return Task::Wait;
-        }
-        if self.landing.take().is_some() {
-            self.agreement.set_membership(Membership::Active);
-        }
-        self.stay(estimate, Activity::Holding)
-    }
-
-    fn stay(&mut self, estimate: &Estimate, activity: Activity) -> Task {
-        self.activity = activity;
-        let Place { at_ne_m, altitude_m } = *self.place(estimate);
-        let lands = activity == Activity::Landing;
-        Task::Stay { at_ne_m, altitude_m, heading_rad: self.heading_rad, lands }
-    }
-
-    /// The position of the stay: that of the vehicle when the stay began.
-    fn place(&mut self, estimate: &Estimate) -> &mut Place {
-        self.stay.get_or_insert_with(|| Place {
-            at_ne_m: estimate.position.horizontal(),
-            altitude_m: estimate.position.altitude_m(),
-        })
-    }
-
-    /// Whether the vehicle is on the ground after a flight, which is final.
-    fn is_on_ground(&self) -> bool {
-        self.landing.is_some_and(|landing| landing.is_on_ground())
-    }
-
-    /// The descent of a vehicle with a failure; on the ground it does not autorotate.
-    fn descend(&mut self, now: Now, estimate: &Estimate, response: Response) -> Task {
-        let task = self.land(now, estimate);
-        match task {
-            Task::Stay { heading_rad, .. } if response == Response::Autorotate => Task::Autorotate { heading_rad },
-            _ => task,
-        }
-    }
-
-    fn land(&mut self, now: Now, estimate: &Estimate) -> Task {
-        let is_on_ground = self.activity == Activity::Joining && estimate.height_m < FLYING_ABOVE_M;
-        self.agreement.set_membership(Membership::Left);
-        let mut landing = self.landing.unwrap_or_else(|| Landing::begin(now.plant, is_on_ground));
-        let altitude_m = self.place(estimate).altitude_m;
-        let descent = landing.step(now.plant, estimate, altitude_m, self.above_altitude_m);
-        self.landing = Some(landing);
-        match descent {
-            Descent::To(altitude_m) => {
-                self.place(estimate).altitude_m = altitude_m;
-                self.stay(estimate, Activity::Landing)
-            }
-            Descent::Unloading => {
-                self.activity = Activity::Landing;
-                Task::Park
-            }
-            Descent::Down => {
-                self.activity = Activity::Landed;
-                Task::Park
-            }
-        }
     }
 }
 

@@ -193,6 +193,18 @@ mod tests {
     }
 
     #[test]
+    fn a_pc_that_resumes_after_ten_minutes_suspects_no_peer_for_that_time() {
+        let mut watched = Watched::steady();
+        watched.now_s += 600.0;
+        let late_s = watched.silence.watch(LocalTime::from_seconds(watched.now_s), &mut Vec::new());
+        assert!(late_s.is_some_and(|late_s| (late_s - 600.0).abs() < 1e-6), "the agent learns of it: {late_s:?}");
+        assert_eq!(watched.pass(1.9, FRAME_S, &[]), [], "its links come back meanwhile");
+        assert_eq!(watched.pass(20.0, FRAME_S, &[2]), []);
+        let [(message, _)] = watched.pass(2.1, FRAME_S, &[])[..] else { panic!("not exactly one suspected") };
+        assert_eq!(message, PeerMessage::Vanished(id(2)), "a peer that is then silent is suspected as before");
+    }
+
+    #[test]
     fn a_starting_swarm_gets_the_longest_timeout() {
         let mut watched = Watched { silence: SilenceMonitor::new(), now_s: 0.0 };
         watched.pass(0.1, FRAME_S, &[2, 3]);

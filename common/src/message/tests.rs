@@ -157,6 +157,9 @@ fn an_order_that_sets_a_key_is_encoded_as_the_golden_bytes_and_its_value_has_to_
     let radius = Setting { key: TunableKey::Radius, value: 80.0 };
     let event = Event { header: header(), what: EventKind::SettingRefused(radius) };
     assert_eq!((encode(&event), decode(&golden)), (golden, Ok(event)));
+    let waits = Event { header: header(), what: EventKind::LandingWaits };
+    let golden = [&[VERSION][..], &HEADER, &[28]].concat();
+    assert_eq!((encode(&waits), decode(&golden)), (golden, Ok(waits)));
     let endless = EventKind::SettingRefused(Setting { value: f64::INFINITY, ..radius });
     assert_eq!(decode::<Event>(&encode(&Event { header: header(), what: endless })), Err(DecodeError::Implausible));
 }

@@ -3,6 +3,7 @@
 //! Keys are checked on this PC. Every host is asked over ssh, eight at once. Ports are called from this PC and from every host
 //! that has the program. A host that hangs is given up after 7 s.
 
+mod address;
 mod clock;
 mod host;
 mod keys;

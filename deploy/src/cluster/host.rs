@@ -8,14 +8,16 @@
 //! | `install` | installing a node's files, switching between versions, removing them |
 //! | `service` | starting and ending an agent |
 //! | `systemd`, `supervisor` | the services that restart an agent |
+//! | `privileges` | what an agent started by root gives up |
 //! | `logs` | the agent's log |
-//! | `probe` | which peers the host can reach |
+//! | `probe` | the host's addresses, and which peers it can reach |
 
 mod files;
 mod install;
 mod logs;
 mod node;
 mod place;
+mod privileges;
 pub(crate) mod probe;
 mod process;
 mod service;

@@ -1,6 +1,8 @@
 //! The requests of the operator's PC to a node's host over ssh, and the answers. A request is one JSON object on the
 //! Time limit of the landing, s.
 
+use std::net::IpAddr;
+
 use serde::{Deserialize, Serialize};
 use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleName};
@@ -144,6 +146,9 @@ pub struct Facts {
     /// The operator's note of the run that was started last, whether its agent is running or not.
     #[serde(default)]
     pub note: Option<RunNote>,
+    /// The addresses of the host's network interfaces; none if the system does not report them.
+    #[serde(default)]
+    pub addresses: Vec<IpAddr>,
     /// Free space in the file system of its files, bytes.
     pub free_bytes: u64,
 }

@@ -79,6 +79,7 @@ pub(super) fn level(what: &EventKind) -> EventLevel {
         | EventKind::SimulatorFault(_)
         | EventKind::LawLost
         | EventKind::SettingRefused(_)
+        | EventKind::LandingWaits
         | EventKind::FrameRate(_) => EventLevel::Warn,
         EventKind::Failed(_) | EventKind::OwnDataStale | EventKind::SimulatorLost | EventKind::ControlFault => {
             EventLevel::Bad

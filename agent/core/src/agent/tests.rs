@@ -10,6 +10,8 @@ use crate::peers::PeerMessage;
 use crate::plant::VelocityCommand;
 use crate::testing::{header, heartbeat, id, received_state};
 
+mod suspended;
+
 fn scenario(sets: &[&str]) -> Scenario {
     let sets: Vec<_> = sets.iter().map(|&set| set.to_owned()).collect();
     load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &sets).unwrap().scenario

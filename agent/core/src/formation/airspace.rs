@@ -1,4 +1,5 @@
-//! Keeps a vehicle in the scenario's airspace: inside the fence, clear of obstacles, between floor and ceiling.
+//! Keeps a vehicle in the scenario's airspace: inside the fence, clear of obstacles, between floor and ceiling,
+//! and above the ground below it.
 //!
 //! Fence and obstacles are constraints of the safety filter ([`super::safety`]) beside those of other vehicles, so that they
 //! hold under every law. With the distance d to the nearest point of an edge or an obstacle, less the margin, and the unit
@@ -15,7 +16,7 @@ use alloc::vec::Vec;
 
 use nalgebra::Vector2;
 use skein_common::frame::PositionNed;
-use skein_common::scenario::{self, Scenario, StaticObstacle, Target};
+use skein_common::scenario::{self, PlantKind, Scenario, StaticObstacle, Target};
 
 use super::safety::Constraint;
 
@@ -35,6 +36,7 @@ pub struct Airspace {
     obstacles: Vec<StaticObstacle>,
     margin_m: f64,
     floor_m: f64,
+    floor_above_ground_m: f64,
     ceiling_m: f64,
 }
 
@@ -60,6 +62,7 @@ impl Airspace {
             obstacles: settings.obstacles.clone(),
             margin_m: settings.margin_m,
             floor_m: settings.floor_m.unwrap_or(f64::NEG_INFINITY),
+            floor_above_ground_m: settings.floor_above_ground_m.unwrap_or(f64::NEG_INFINITY),
             ceiling_m: settings.ceiling_m.unwrap_or(f64::INFINITY),
         }
     }
@@ -82,9 +85,10 @@ impl Airspace {
         })
     }
 
-    /// The altitude nearest to this one between floor and ceiling, m above the origin.
-    pub fn altitude_m(&self, wanted_m: f64) -> f64 {
-        wanted_m.max(self.floor_m).min(self.ceiling_m)
+    /// The altitude nearest to this one between floor and ceiling, m above the origin, for a vehicle above ground at
+    /// `ground_m`. The ground is the greater danger: the floor above it outranks the ceiling.
+    pub fn altitude_m(&self, wanted_m: f64, ground_m: f64) -> f64 {
+        wanted_m.max(self.floor_m).min(self.ceiling_m).max(ground_m + self.floor_above_ground_m)
     }
 
     /// Distance of a place to the nearest edge of the fence, m, negative outside; infinite without a fence.
@@ -136,6 +140,14 @@ pub(super) fn check(scenario: &Scenario, extent_m: impl Fn(&scenario::Formation)
         if !(least_m..=most_m).contains(&altitude_m) {
             return Err(format!(
                 "mission.steps[{nth}]: formation.altitude_m is {altitude_m}, outside airspace.floor_m to airspace.ceiling_m"
+            ));
+        }
+        // Where the ground is known: it is flat, at the height of the origin.
+        let is_flat = matches!(scenario.swarm.plant, PlantKind::Builtin | PlantKind::Standin);
+        if let Some(floor_m) = settings.floor_above_ground_m.filter(|floor_m| is_flat && altitude_m < *floor_m) {
+            return Err(format!(
+                "mission.steps[{nth}]: formation.altitude_m is {altitude_m}, below airspace.floor_above_ground_m, which is \
+                 {floor_m}. Raise the formation or lower the floor"
             ));
         }
         let needed_m = extent_m(formation) + settings.margin_m;

@@ -227,6 +227,43 @@ fn a_law_may_command_a_climb_and_a_non_finite_command_counts_as_zero() {
     }
 }
 
+/// Where the ground is in the hill of the next test, m above the origin.
+fn ground_m(north_m: f64) -> f64 {
+    (0.25 * north_m).clamp(0.0, 50.0)
+}
+
+#[test]
+fn under_every_law_a_vehicle_keeps_the_floor_above_a_hill_and_lands_below_it() {
+    let on_ellipsoid = "law = 'ring'\nvertical = 'ellipsoid'\nradius_m = 20\ninner_width_m = 10".to_owned();
+    for law in LAWS.iter().map(|law| format!("law = '{law}'")).chain([on_ellipsoid]) {
+        let lines = |floor: &str| format!("{law}\naltitude_m = 30\n[airspace]\nceiling_m = 60\n{floor}");
+        let (mut kept, mut without) = (formation(&lines("floor_above_ground_m = 15")), formation(&lines("")));
+        // North over the hill at 4 m/s, after the setpoint with a lag of 1 s.
+        let (mut north_m, mut altitude_m, mut least_m) = (-100.0, 30.0, f64::INFINITY);
+        while north_m < 300.0 {
+            let estimate = Estimate { height_m: altitude_m - ground_m(north_m), ..at(north_m, 0.0, altitude_m) };
+            let setpoint_m = output(&mut kept, &estimate, &[], 0.0).setpoint.altitude_m;
+            let unlimited_m = output(&mut without, &estimate, &[], 0.0).setpoint.altitude_m;
+            assert_eq!(setpoint_m, unlimited_m.max(ground_m(north_m) + 15.0), "{law} at {north_m} m");
+            altitude_m += (setpoint_m - altitude_m).clamp(-2.0, 2.0) * 0.02;
+            north_m += 4.0 * 0.02;
+            least_m = least_m.min(estimate.height_m);
+        }
+        assert!((13.0..15.5).contains(&least_m), "{law}: {least_m} m above the ground");
+        assert!((64.0..66.0).contains(&altitude_m), "{law}: above the ceiling, over the hill: {altitude_m} m");
+
+        let stays = |lands| Task::Stay { at_ne_m: Vector2::new(300.0, 0.0), altitude_m: 55.0, heading_rad: 0.0, lands };
+        let estimate = Estimate { height_m: altitude_m - 50.0, ..at(300.0, 0.0, altitude_m) };
+        let altitudes_m = [false, true].map(|lands| {
+            let stayed = kept.step(0.02, &estimate, summary(&[], false), &stays(lands), &mut Workspace::default());
+            stayed.unwrap().setpoint.altitude_m
+        });
+        assert_eq!(altitudes_m, [65.0, 55.0], "{law}: it holds above the floor, and lands through it");
+        let wrong = Estimate { height_m: -1e300, ..estimate };
+        assert!(output(&mut kept, &wrong, &[], 0.0).setpoint.altitude_m <= altitude_m + 15.0, "{law}");
+    }
+}
+
 #[test]
 fn steps_with_the_same_formation_share_the_laws_memory() {
     let steps = "[{ hold_s = 1 }, { centre_ne_m = [9, 0], formation = { radius_m = 50 } }, { centre_ne_m = [5, 0] }]";

@@ -354,6 +354,8 @@ pub const KEYS: &[Key] = &[
         "greatest altitude above the origin that a vehicle is sent to"),
     key("airspace.floor_m", above_zero_or("none", 1e5), text("none"),
         "least altitude above the origin that a vehicle is sent to unless it lands"),
+    key("airspace.floor_above_ground_m", above_zero_or("none", 1e5), text("none"),
+        "least height above the ground below it that a vehicle is sent to unless it lands, as it measures its height; it outranks the ceiling"),
     key("airspace.margin_m", from(0.0, 1e3), number(10.0),
         "horizontal distance that the vehicles keep from the fence and from obstacles; 10 m is for wind and for the lag of a vehicle"),
     key("airspace.obstacles", Tables, Nothing,

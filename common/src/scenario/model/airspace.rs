@@ -12,6 +12,9 @@ pub struct Airspace {
     pub ceiling_m: Option<f64>,
     /// Least altitude setpoint above the origin of a vehicle that does not land, m; `None`: no floor.
     pub floor_m: Option<f64>,
+    /// Least altitude setpoint above the ground below a vehicle that does not land, m, as its height is measured; `None`: no
+    /// such floor.
+    pub floor_above_ground_m: Option<f64>,
     /// Horizontal distance that the vehicles keep from the fence and from obstacles, m.
     pub margin_m: f64,
     /// Things that stand in the airspace.
@@ -33,14 +36,21 @@ pub struct StaticObstacle {
 
 impl Default for Airspace {
     fn default() -> Self {
-        Self { fence_ne_m: Vec::new(), ceiling_m: None, floor_m: None, margin_m: 10.0, obstacles: Vec::new() }
+        Self {
+            fence_ne_m: Vec::new(),
+            ceiling_m: None,
+            floor_m: None,
+            floor_above_ground_m: None,
+            margin_m: 10.0,
+            obstacles: Vec::new(),
+        }
     }
 }
 
 impl Airspace {
     /// Whether it limits nothing.
     pub fn is_unlimited(&self) -> bool {
-        let is_open = self.ceiling_m.is_none() && self.floor_m.is_none();
+        let is_open = self.ceiling_m.is_none() && self.floor_m.is_none() && self.floor_above_ground_m.is_none();
         is_open && self.fence_ne_m.is_empty() && self.obstacles.is_empty()
     }
 }

@@ -94,7 +94,8 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("formation.conversion", r#""nonlinear""#, Some(r#""linear""#)),
         ("formation.gain_m", "7.0", None), ("formation.far_gain_m", "28.0", None), ("formation.gain_knee", "0.3", None),
         ("sensing.position", r#""exact""#, Some(r#""f32_latlon""#)),
-        ("airspace.ceiling_m", r#""none""#, None), ("airspace.floor_m", r#""none""#, None), ("airspace.margin_m", "10.0", None),
+        ("airspace.ceiling_m", r#""none""#, None), ("airspace.floor_m", r#""none""#, None),
+        ("airspace.floor_above_ground_m", r#""none""#, None), ("airspace.margin_m", "10.0", None),
         ("world.wind_m_s", "0.0", None), ("world.wind_from_deg", "0.0", None), ("world.gust_w20_m_s", "0.0", None),
         ("swarm.plant", r#""builtin""#, None), ("swarm.aircraft", r#""xcell60""#, None),
         ("origin.latitude_deg", "28.0", None), ("origin.longitude_deg", "-82.0", None), ("origin.elevation_m", "0.0", None),
@@ -270,7 +271,7 @@ fn a_step_changes_single_parameters_of_a_law_and_keeps_the_rest() {
 #[test]
 fn the_table_and_the_types_have_the_same_keys() {
     let text = "duration_s = 5\nswarm.vehicles = 2\nplant = { show_peers = 1, peer_acf = 'a.acf', stick_release = 0.5 }\nsensing = { correlation_s = 9, dropout_s = 1 }\n\
-        [airspace]\nfence_ne_m = [[-500, -500], [-500, 500], [500, 0]]\nceiling_m = 90\nfloor_m = 5\n\
+        [airspace]\nfence_ne_m = [[-500, -500], [-500, 500], [500, 0]]\nceiling_m = 90\nfloor_m = 5\nfloor_above_ground_m = 6\n\
         obstacles = [{ centre_ne_m = [0, 300], radius_m = 9, top_m = 50 }, { centre_ne_m = [0, 300], size_ne_m = [9, 9] }]\n[network]\nedges = [[1, 2]]\nrange_m = 9\n\
         fade_m = 5\nburst_s = 1\nbandwidth_bit_s = 1e6\nlinks = [{ from = [1], to = [2], both_ways = true, loss = 0.1,\n\
         burst_s = 1, delay_s = 1, jitter_s = 1, reorder = 0.1, reorder_s = 1, duplicate = 0.1, bandwidth_bit_s = 1, queue_s = 1 }]\n\

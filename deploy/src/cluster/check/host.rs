@@ -129,6 +129,7 @@ impl HostChecks<'_> {
             }
             Err(Fault::Failed(why)) => return asked.lines.push(line("version", why).fault(install)),
         };
+        asked.lines.extend(super::address::line(node, &facts.addresses, self.file));
         let agent = if facts.agent.is_some() { Agent::Runs } else { Agent::DoesNot };
         asked.agents.insert(node.id, agent);
         match Bundle::of(self.inventory, node.id) {

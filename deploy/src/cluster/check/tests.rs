@@ -152,6 +152,35 @@ fn missing_invalid_or_readable_keys_are_faults() {
 }
 
 #[test]
+fn a_pc_without_the_operators_keys_has_a_note_and_no_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    let inventory = lab(folder.path(), 2, "");
+    cluster_keys::make(&inventory, None, None, clock::utc()).unwrap();
+    let lines = || keys::lines(&inventory, "lab.toml");
+    for (removed, valid, missing) in [
+        ("orders.key", "all 6 are valid", "orders.key is not in"),
+        ("operator.key", "all 5 are valid", "operator.key and orders.key are not in"),
+        ("operator.pem", "all 5 are valid", "operator.key and orders.key are not in"),
+    ] {
+        fs::remove_file(inventory.keys.join(removed)).unwrap();
+        let [good, note] = &lines()[..] else { panic!("two lines: {:?}", lines()) };
+        assert!(good.state == State::Good && good.found.starts_with(valid), "{good:?}");
+        assert_eq!((note.what, note.state, &note.remedy), ("orders", State::Good, &None));
+        assert!(note.found.starts_with("orders cannot be given from this PC: "), "{note:?}");
+        assert!(note.found.contains(missing), "{note:?}");
+        assert!(verdict(&lines()).is_ok());
+    }
+    // A PC with the key needs its certificate, and every PC the keys by which it looks.
+    fs::remove_file(inventory.keys.join("observer.key")).unwrap();
+    let [fault, note] = &lines()[..] else { panic!("two lines: {:?}", lines()) };
+    assert_eq!((fault.state, fault.found.as_str()), (State::Fault, "observer.pem or its key is missing"));
+    assert_eq!(note.what, "orders");
+    fs::write(inventory.keys.join("operator.key"), "").unwrap();
+    fs::set_permissions(inventory.keys.join("operator.key"), fs::Permissions::from_mode(0o600)).unwrap();
+    assert!(lines().iter().any(|line| line.found == "operator.pem or its key is missing"), "{:?}", lines());
+}
+
+#[test]
 fn the_table_and_the_json_agree() {
     let line = Line::new("heli1", "clock", "+90000.0 ±0.4 ms").fault("`ssh heli1 sudo timedatectl set-ntp true`");
     let table = as_table(&[Line::new("heli1", "ssh", "login works"), line.clone()]);

@@ -15,6 +15,7 @@ use skein_common::scenario::{Source, load_any};
 use skein_host::clock;
 
 use super::files::{self, Lock, at};
+use super::probe;
 use super::process::Process;
 use crate::cluster::bundle::SCENARIO;
 use crate::cluster::protocol::{Facts, Installed, RunningAgent, Service};
@@ -226,6 +227,7 @@ impl NodeFolder {
             service: self.settings().map(|settings| settings.service),
             agent,
             note,
+            addresses: probe::addresses(),
             free_bytes: self.path.ancestors().find_map(|path| os::free_bytes(path).ok()).unwrap_or(0),
         }
     }

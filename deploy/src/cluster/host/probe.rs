@@ -1,7 +1,7 @@
-//! Checks which peers a host can reach.
+//! The network as a host sees it: its own addresses, and which peers it can reach.
 
 use std::io;
-use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::net::{IpAddr, SocketAddr, TcpStream, ToSocketAddrs};
 use std::thread;
 use std::time::Duration;
 
@@ -9,6 +9,12 @@ use crate::cluster::protocol::Reached;
 
 /// Time limit of a connection to a peer.
 const PEER: Duration = Duration::from_secs(1);
+
+/// The addresses of this host's network interfaces; none if the system does not report them.
+pub(super) fn addresses() -> Vec<IpAddr> {
+    let interfaces = if_addrs::get_if_addrs().unwrap_or_default();
+    interfaces.iter().map(if_addrs::Interface::ip).collect()
+}
 
 /// Connects to each of these endpoints, all at once, and returns the results.
 pub(crate) fn reach(endpoints: &[String]) -> Vec<Reached> {
@@ -39,6 +45,11 @@ mod tests {
     use std::net::TcpListener;
 
     use super::*;
+
+    #[test]
+    fn a_host_knows_its_addresses() {
+        assert!(addresses().contains(&IpAddr::from([127, 0, 0, 1])), "{:?}", addresses());
+    }
 
     #[test]
     fn calls_are_accepted_or_refused() {

@@ -14,6 +14,7 @@ use super::files::{self, at};
 use super::logs;
 use super::node::{AgentProcess, Moment, NodeFolder, Settings, Started, install_name, linked};
 use super::place::{PROGRAM, Place};
+use super::privileges;
 use super::process::Process;
 use super::systemd::Systemd;
 use crate::cluster::protocol::Service;
@@ -209,6 +210,12 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     command.env(RUNTIME_DIRECTORY, sockets(node, settings.service, given)).env("RUST_BACKTRACE", "1");
     if let Some(log) = &settings.log {
         command.env("RUST_LOG", log);
+    }
+    if settings.service == Service::Own
+        && os::is_root()
+        && let Err(error) = privileges::give_up()
+    {
+        eprintln!("the agent keeps root's capabilities: {error}; to avoid it, let another user install the node");
     }
     Err(at(&program)(os::become_program(&mut command)))
 }

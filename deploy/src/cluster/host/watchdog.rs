@@ -111,6 +111,22 @@ mod tests {
     }
 
     #[test]
+    fn an_agent_that_was_suspended_with_its_supervisor_is_not_killed_when_both_resume() {
+        // Whatever the agent was doing: flying, starting, or silent for almost too long already.
+        for (starts, silent_s) in [(false, 0), (false, 9), (true, 59)] {
+            let mut now = clock::now();
+            let mut dog = Watchdog::new(Cell::new(false), now);
+            assert_eq!(watch(&mut dog, &mut now, 30, !starts), None);
+            assert_eq!(watch(&mut dog, &mut now, if starts { silent_s - 30 } else { silent_s }, false), None);
+            now += Duration::from_secs(600);
+            // The supervisor runs first, and the agent reports a second after it.
+            assert_eq!(watch(&mut dog, &mut now, 1, false), None, "starts: {starts}, silent for {silent_s} s");
+            assert_eq!(watch(&mut dog, &mut now, 60, true), None);
+            assert!(watch(&mut dog, &mut now, 60, false).is_some(), "it still watches");
+        }
+    }
+
+    #[test]
     fn a_supervisor_that_was_stopped_itself_gives_the_agent_its_time_again() {
         let mut now = clock::now();
         let mut dog = Watchdog::new(Cell::new(false), now);

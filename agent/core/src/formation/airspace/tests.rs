@@ -7,7 +7,10 @@ use crate::formation::safety::SafetyFilter;
 const FILTER: SafetyFilter = SafetyFilter { distance_m: 8.0, rate_per_s: 0.5 };
 
 fn scenario(text: &str) -> Scenario {
-    let text = &format!("swarm.vehicles = 4\n{text}");
+    let text = &match text.strip_prefix("[swarm]\n") {
+        Some(text) => format!("[swarm]\nvehicles = 4\n{text}"),
+        None => format!("swarm.vehicles = 4\n{text}"),
+    };
     load(&Source { name: "test.toml", text }, &[]).unwrap().scenario
 }
 
@@ -92,8 +95,15 @@ fn a_moving_centre_carries_no_vehicle_through_the_fence() {
 #[test]
 fn altitudes_stay_between_floor_and_ceiling() {
     let between = airspace("floor_m = 20\nceiling_m = 60");
-    assert_eq!([10.0, 30.0, 90.0].map(|wanted_m| between.altitude_m(wanted_m)), [20.0, 30.0, 60.0]);
-    assert_eq!(airspace("").altitude_m(90.0), 90.0);
+    assert_eq!([10.0, 30.0, 90.0].map(|wanted_m| between.altitude_m(wanted_m, 50.0)), [20.0, 30.0, 60.0]);
+    assert_eq!(airspace("").altitude_m(90.0, 95.0), 90.0);
+}
+
+#[test]
+fn the_floor_above_the_ground_rises_with_it_and_outranks_the_ceiling() {
+    let over_terrain = airspace("floor_m = 20\nfloor_above_ground_m = 15\nceiling_m = 60");
+    let altitudes_m = [-30.0, 0.0, 12.0, 50.0].map(|ground_m| over_terrain.altitude_m(10.0, ground_m));
+    assert_eq!(altitudes_m, [20.0, 20.0, 27.0, 65.0]);
 }
 
 #[test]
@@ -109,6 +119,18 @@ fn a_mission_that_leaves_the_airspace_is_refused_with_its_step() {
     assert!(refused(&path).unwrap_err().contains("[0.0, 300.0] leaves the fence"));
     let high = "[formation]\naltitude_m = 80\n[airspace]\nceiling_m = 70\n";
     assert!(refused(high).unwrap_err().contains("formation.altitude_m is 80"));
+    let low = |plant: &str| {
+        let lines = format!("plant = '{plant}'\n[formation]\naltitude_m = 20\n[airspace]\nfloor_above_ground_m = 25\n");
+        refused(&format!("[swarm]\n{lines}"))
+    };
+    for flat in ["builtin", "standin"] {
+        let why = low(flat).unwrap_err();
+        assert!(
+            why.starts_with("mission.steps[0]: formation.altitude_m is 20, below airspace.floor_above_ground_m"),
+            "{why}"
+        );
+    }
+    assert_eq!(low("xplane"), Ok(()), "the height of the ground is not known before the flight");
     let inside = "[airspace]\nobstacles = [{ centre_ne_m = [5, 5], radius_m = 3 }]\n";
     assert!(refused(inside).unwrap_err().contains("within airspace.margin_m of the obstacle"));
     let below = "[airspace]\nobstacles = [{ centre_ne_m = [5, 5], radius_m = 3, top_m = 20 }]\n";

@@ -115,13 +115,20 @@ fn above_another_partition_the_landing_at_the_end_waits_and_a_landing_by_order_d
         assert!(goal.step <= 1);
     }
     assert_eq!((one.mission.at(), one.mission.membership()), (1, Membership::Active), "it keeps its place above");
+    assert_eq!(
+        one.take_events(),
+        [EventKind::Reached(0), EventKind::Advanced(1), EventKind::LandingWaits],
+        "reported once"
+    );
     one.view.flies_above = false;
     assert!(matches!(one.step(6.1, 40.0), Task::Stay { lands: true, .. }));
     one.view.flies_above = true;
     assert!(matches!(one.step(6.2, 39.9), Task::Stay { lands: true, .. }), "a landing that has begun continues");
+    assert_eq!(one.take_events(), []);
 
     let mut one = One::active("{ hold_s = 1000 }, { land = true }", "");
     one.view = View { altitude_error_m: Some(0.0), flies_above: true, ..View::default() };
     one.order(LAND);
     assert!(matches!(one.step(2.1, 40.0), Task::Stay { lands: true, .. }));
+    assert!(!one.take_events().contains(&EventKind::LandingWaits));
 }
