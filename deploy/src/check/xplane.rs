@@ -29,9 +29,10 @@ use crate::simulators::web::WebChoice;
 const WATCHED: Duration = Duration::from_secs(5);
 const ANSWERS_WITHIN: Duration = Duration::from_secs(3);
 const REPORTED: Duration = Duration::from_secs(60);
-/// Positions a second that an agent asks for; below the second number it flies, but not as well; below the third not at all.
+/// Positions a second that an agent asks for; below the second number, which allows for the measurement, it flies, but not as
+/// well; below the third not at all.
 const WANTED_HZ: u32 = 50;
-const WELL_FROM_HZ: f64 = 45.0;
+const WELL_FROM_HZ: f64 = 49.5;
 const FLIES_FROM_HZ: f64 = 20.0;
 /// Longest time between two positions that is no interruption, s.
 const LONGEST_GAP_S: f64 = 0.1;
