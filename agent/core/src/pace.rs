@@ -89,7 +89,7 @@ impl Pace {
     }
 }
 
-/// The rate as it is reported: a low one is not rounded up to 50.
+/// The rate to report: a low one is not rounded up to 50.
 fn whole(rate_hz: f64, level: Level) -> u32 {
     if level == Level::Full { (rate_hz + 0.5) as u32 } else { (rate_hz + 0.5).min(49.0) as u32 }
 }

@@ -9,7 +9,8 @@ use std::time::Duration;
 
 use serde_json::json;
 use skein_agent::plant::xplane::client::RANDOM_FAILURES;
-use skein_common::frame::{Geodetic, Origin};
+use skein_agent::plant::xplane::placing::{LEVEL_WITHIN_M, NEAR_ORIGIN_M, from_origin_m};
+use skein_common::frame::Origin;
 use skein_common::scenario::Scenario;
 use skein_core::aircraft::Profile;
 use skein_lab::error::Error;
@@ -38,9 +39,6 @@ const FLIES_FROM_HZ: f64 = 20.0;
 const LONGEST_GAP_S: f64 = 0.1;
 /// Characters of the aircraft's path that are read, one dataref for each.
 const PATH_CHARACTERS: usize = 80;
-/// Distance from the scenario's origin above which it looks like a mistake, m, and difference in elevation, m.
-const FAR_M: f64 = 2000.0;
-const HIGH_M: f64 = 50.0;
 
 const VERSION: &str = "sim/version/xplane_internal_version";
 const PAUSED: &str = "sim/time/paused";
@@ -336,9 +334,7 @@ pub(crate) fn read_until(surveyor: &Surveyor, paths: &[String], value: f32) -> R
 /// Where the aircraft is from the scenario's origin.
 fn origin(place: &str, survey: &Survey, scenario: &Scenario) -> Option<Line> {
     let position = survey.position.as_ref()?;
-    let at = Geodetic::from_degrees(position.latitude_deg, position.longitude_deg, position.elevation_m);
-    let from = Origin::new(scenario.origin.geodetic()).ned_from_geodetic(&at);
-    let (away_m, ground_m) = (from.horizontal().norm(), from.altitude_m() - f64::from(position.height_m));
+    let (away_m, ground_m) = from_origin_m(&Origin::new(scenario.origin.geodetic()), position);
     let line = Line::new(
         place,
         "origin",
@@ -350,7 +346,7 @@ fn origin(place: &str, survey: &Survey, scenario: &Scenario) -> Option<Line> {
         position.longitude_deg,
         position.elevation_m - f64::from(position.height_m)
     );
-    Some(if away_m > FAR_M || ground_m.abs() > HIGH_M {
+    Some(if away_m > NEAR_ORIGIN_M || ground_m.abs() > LEVEL_WITHIN_M {
         line.warning(format!("move the aircraft there, or the origin here: {here}"))
     } else {
         line
