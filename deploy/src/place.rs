@@ -21,8 +21,7 @@ use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::terminal;
 
-use crate::cluster::check::{Line, State, verdict};
-use crate::doctor;
+use crate::findings::{Line, State, as_table, verdict};
 use crate::simulators::HostPort;
 use crate::simulators::survey::{SILENT, Surveyor};
 use crate::simulators::web::{WebApi, WebChoice, WebError};
@@ -82,7 +81,7 @@ pub fn run(args: &PlaceArgs) -> Result<(), Error> {
     };
     let surveyor = Surveyor::open(&args.xplane.to_string())?;
     let lines = placed(&surveyor, web, &scenario, |_| (!args.weather_only).then_some(start))?;
-    terminal::say(&if args.json { terminal::json(&lines) } else { doctor::as_table(&lines) });
+    terminal::say(&if args.json { terminal::json(&lines) } else { as_table(&lines) });
     verdict(&lines)
 }
 

@@ -16,8 +16,7 @@ use skein_core::aircraft::Profile;
 use skein_lab::error::Error;
 use skein_lab::terminal;
 
-use crate::cluster::check::{Line, verdict};
-use crate::doctor;
+use crate::findings::{self, Line, verdict};
 use crate::new::discover;
 use crate::os;
 use crate::place;
@@ -71,7 +70,7 @@ pub(super) fn run(xplane: &HostPort, looked_at: &LookedAt<'_>, json: bool, repor
     if let Some(path) = report {
         write_report(path, &surveyor, looked_at.profile, &lines, REPORTED)?;
     }
-    terminal::say(&if json { terminal::json(&lines) } else { doctor::as_table(&lines) });
+    terminal::say(&if json { terminal::json(&lines) } else { findings::as_table(&lines) });
     verdict(&lines)
 }
 

@@ -18,6 +18,7 @@ use super::ready::{CONTACT_TIMEOUT, POLL_PERIOD, Watch};
 use super::remote::{Fault, Remote};
 use super::ssh::at_once;
 use crate::capacity::{self, Demand};
+use crate::findings;
 use crate::inventory::{Install, Inventory, Node, SecurityKind};
 use crate::keys::run::Record;
 use skein_host::clock;
@@ -361,7 +362,7 @@ impl Report {
             [row.node.to_string(), row.host.clone(), state.to_owned()].into_iter().chain(times).chain([why]).collect()
         });
         let ready = self.nodes.iter().filter(|row| row.state == State::Ready).count();
-        let table = nodes::table(&["node", "host", "state", "started s", "ready s", ""], rows);
+        let table = findings::table(&["node", "host", "state", "started s", "ready s", ""], rows);
         let (all, swarm, run) = (self.nodes.len(), &self.swarm, self.run);
         format!("{table}{ready} of {all} vehicles of {swarm} are ready after {:.1} s (run {run})\n", self.seconds)
     }

@@ -9,7 +9,7 @@ use skein_common::math;
 use skein_common::scenario::{Scenario, World};
 use skein_lab::error::Error;
 
-use crate::cluster::check::Line;
+use crate::findings::Line;
 use crate::simulators::survey::{Survey, Surveyor};
 
 const M_S_PER_KNOT: f64 = 1852.0 / 3600.0;

@@ -8,7 +8,7 @@ use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::cluster::check::State;
+use crate::findings::State;
 use crate::release::{ReleaseArgs, run as release};
 
 #[derive(Parser)]

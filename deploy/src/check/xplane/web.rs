@@ -2,7 +2,7 @@
 
 use skein_core::aircraft::Profile;
 
-use crate::cluster::check::Line;
+use crate::findings::Line;
 use crate::simulators::survey::Survey;
 use crate::simulators::web::{WebApi, WebChoice, WebError};
 
