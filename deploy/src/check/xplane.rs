@@ -88,8 +88,9 @@ fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<V
         // A thread that panicked has printed the reason.
         lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator().port(), heard)));
         lines.push(frames(place, &survey));
-        lines.extend(states(place, &survey));
-        lines.push(random_failures(place, &survey, scenario.is_some_and(|scenario| scenario.plant.random_failures)));
+        let value = |path: &str| web.number(path).or_else(|| survey.value(path).map(f64::from));
+        lines.extend(states(place, &value));
+        lines.push(random_failures(place, &value, scenario.is_some_and(|scenario| scenario.plant.random_failures)));
         lines.push(aircraft(place, &survey, profile, web.aircraft()));
         lines.extend(datarefs(place, &survey, profile));
         lines.push(rotor(place, &survey, profile));
@@ -192,23 +193,25 @@ fn frames(place: &str, survey: &Survey) -> Line {
     }
 }
 
+/// The newest value of a dataref: that of the Web API where it answers, else that by UDP.
+type Values<'a> = dyn Fn(&str) -> Option<f64> + 'a;
+
 /// Whether the simulator simulates.
-fn states(place: &str, survey: &Survey) -> Vec<Line> {
-    let of = |what, path: &str, good: &str, is_good: fn(f32) -> bool, bad: &str, remedy: &str| match survey.value(path)
-    {
+fn states(place: &str, value: &Values<'_>) -> Vec<Line> {
+    let of = |what, path: &str, good: &str, is_good: fn(f64) -> bool, bad: &str, remedy: &str| match value(path) {
         None => Line::new(place, what, "not answered").unknown(),
         Some(value) if is_good(value) => Line::new(place, what, good),
         Some(value) => Line::new(place, what, format!("{bad} ({value})")).fault(remedy),
     };
-    let is_zero = |value: f32| value == 0.0;
+    let is_zero = |value: f64| value == 0.0;
     let mut lines = vec![
         of("pause", PAUSED, "runs", is_zero, "paused", "resume it: P on X-Plane's keyboard"),
         of("replay", REPLAY, "not in replay", is_zero, "in replay", "leave the replay"),
         of("crash", CRASHED, "not crashed", is_zero, "the aircraft has crashed", "reset the flight"),
     ];
-    lines.push(match survey.value(SPEED) {
+    lines.push(match value(SPEED) {
         None => Line::new(place, "speed", "not answered").unknown(),
-        Some(speed) if (speed - 1.0).abs() < 0.05 || survey.value(PAUSED) == Some(1.0) => {
+        Some(speed) if (speed - 1.0).abs() < 0.05 || value(PAUSED) == Some(1.0) => {
             Line::new(place, "speed", format!("{speed:.2} times real time"))
         }
         Some(speed) => Line::new(place, "speed", format!("{speed:.2} times real time"))
@@ -218,9 +221,9 @@ fn states(place: &str, survey: &Survey) -> Vec<Line> {
 }
 
 /// Whether random failures are on if they are wanted, and off if they are not.
-fn random_failures(place: &str, survey: &Survey, are_wanted: bool) -> Line {
+fn random_failures(place: &str, value: &Values<'_>, are_wanted: bool) -> Line {
     let line = |found: &str| Line::new(place, "random failures", found);
-    let values = RANDOM_FAILURES.iter().filter_map(|path| survey.value(path));
+    let values = RANDOM_FAILURES.iter().filter_map(|path| value(path));
     match (values.map(|value| value != 0.0).reduce(|one, other| one || other), are_wanted) {
         (None, _) => line("not answered").unknown(),
         (Some(false), false) => line("off"),
