@@ -96,7 +96,8 @@ fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<V
         lines.push(rotor(place, &survey, profile));
         lines.push(overrides(place, surveyor, &survey, profile)?);
         lines.extend(scenario.and_then(|scenario| origin(place, &survey, scenario)));
-        lines.extend(scenario.map(|scenario| place::compared(place, &survey, scenario)).into_iter().flatten());
+        lines.extend(scenario.into_iter().flat_map(|scenario| place::compared(place, &survey, scenario)));
+        lines.extend(scenario.into_iter().flat_map(|scenario| place::setup_compared(place, &survey, scenario)));
         lines.push(load());
     } else {
         let found = format!("no answer within {} s", SILENT.as_secs());
@@ -115,6 +116,7 @@ fn wanted(profile: &Profile) -> Vec<String> {
         .map(str::to_owned)
         .chain(own)
         .chain(place::WIND_NOW.map(str::to_owned))
+        .chain(place::SETUP.map(str::to_owned))
         .chain((0..PATH_CHARACTERS).map(path_element))
         .collect()
 }

@@ -199,6 +199,16 @@ impl WebApi {
         self.answer(self.agent.post(&address).send_json(json!({ "data": flight }))).map(drop)
     }
 
+    /// Asks for a change of the flight under way: of everything but its aircraft and its start. Whether it was changed has to be
+    /// read from the simulator's state.
+    ///
+    /// # Errors
+    /// If X-Plane refuses it, or does not answer.
+    pub(crate) fn change_flight(&self, flight: &Value) -> Result<(), WebError> {
+        let address = self.address(&format!("{}/flight", self.version()));
+        self.answer(self.agent.patch(&address).send_json(json!({ "data": flight }))).map(drop)
+    }
+
     fn address(&self, path: &str) -> String {
         format!("http://{}/api/{path}", self.place)
     }

@@ -117,6 +117,7 @@ fn ask_all(of: &HostPort) -> Result<(), WebError> {
     let (_, _) = (api.text("a"), api.find("a[2]"));
     let (_, _) = (api.number("a"), api.has_command("b"));
     api.read("a")?;
+    api.change_flight(&json!({}))?;
     api.start_flight(&json!({}))
 }
 
