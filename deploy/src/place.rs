@@ -95,9 +95,7 @@ pub(crate) fn before_flight(scenario: &Scenario, xplanes: &[String], is_over: im
     for (id, address) in scenario.ids().zip(xplanes) {
         let (sender, scenario, address) = (sender.clone(), scenario.clone(), address.clone());
         thread::spawn(move || {
-            let lines = begin_at_start(&scenario, id, &address).unwrap_or_else(|error| {
-                vec![Line::new(&address, "place", error.to_string()).fault("the agent places the aircraft by UDP")]
-            });
+            let lines = before_flight_of(&scenario, id, &address);
             // Without a receiver the flight is over.
             let _ = sender.send((id, lines));
         });
@@ -115,7 +113,13 @@ pub(crate) fn before_flight(scenario: &Scenario, xplanes: &[String], is_over: im
     lines.into_iter().flat_map(|(_, lines)| lines).collect()
 }
 
-/// Places the aircraft of one vehicle for a flight.
+/// Places the aircraft of one vehicle for a flight, as [`before_flight`] does for all.
+pub(crate) fn before_flight_of(scenario: &Scenario, id: VehicleId, address: &str) -> Vec<Line> {
+    begin_at_start(scenario, id, address).unwrap_or_else(|error| {
+        vec![Line::new(address, "place", error.to_string()).fault("the agent places the aircraft by UDP")]
+    })
+}
+
 fn begin_at_start(scenario: &Scenario, id: VehicleId, address: &str) -> Result<Vec<Line>, Error> {
     let xplane: HostPort = address.parse().map_err(|why| Error::Refused(format!("{address}: {why}")))?;
     let written = scenario.vehicle(id).and_then(|vehicle| vehicle.web.as_deref());
