@@ -242,7 +242,7 @@ pub enum EventKind {
     LawBack,
     /// The simulator does not simulate the vehicle's flight: the agent waits for it without touching the controls.
     SimulatorStopped(Standstill),
-    /// The simulator delivers frames at another rate than before, frames a second. Fewer than 45 fly the vehicle worse; with
+    /// The simulator delivers frames at another rate than before, frames a second. Fewer than 50 fly the vehicle worse; with
     /// fewer than `plant.min_frame_rate_hz` it does not take off.
     FrameRate(u32),
     /// The sender gave the controls of its vehicle to a human pilot.

@@ -14,8 +14,8 @@ use std::time::Duration;
 use skein_lab::error::Error;
 use skein_lab::terminal::{json, say};
 
-use crate::cluster::check::{Line, verdict};
-use crate::cluster::nodes::{is_seconds, table};
+use crate::cluster::nodes::is_seconds;
+use crate::findings::{Line, as_table, verdict};
 
 /// `skein doctor`
 #[derive(Clone, Debug, clap::Args)]
@@ -54,13 +54,4 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
 /// The result of a check of this PC.
 fn line(what: &'static str, found: impl Into<String>) -> Line {
     Line::new("this PC", what, found)
-}
-
-/// The lines as a table, without their places.
-pub(crate) fn as_table(lines: &[Line]) -> String {
-    let row = |line: &Line| {
-        let cells = [line.what, line.state.label(), &line.found, line.remedy.as_deref().unwrap_or_default()];
-        cells.map(str::to_owned).to_vec()
-    };
-    table(&["what", "", "found", "remedy"], lines.iter().map(row))
 }

@@ -9,6 +9,7 @@ pub mod display;
 pub mod doctor;
 pub mod endpoints;
 pub mod explain;
+mod findings;
 pub mod fit;
 pub mod fly;
 pub mod inventory;

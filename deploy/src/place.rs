@@ -4,14 +4,15 @@
 //! A command does this and not the agent: a flight that loads takes a minute, its outcome is for a person to see, and an
 //! agent that needs nothing but UDP flies the same on every PC.
 
+mod setup;
 mod weather;
 
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread;
 use std::time::Duration;
 
-use serde_json::{Value, json};
-use skein_agent::plant::xplane::placing::{Placing, is_flying, start_of};
+use serde_json::{Map, Value, json};
+use skein_agent::plant::xplane::placing::{Placing, PlacingState, is_flying, start_of};
 use skein_agent::plant::xplane::wire::prel::Placement;
 use skein_agent::plant::xplane::wire::rpos::Position;
 use skein_common::frame::Geodetic;
@@ -21,11 +22,11 @@ use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::terminal;
 
-use crate::cluster::check::{Line, State, verdict};
-use crate::doctor;
+use crate::findings::{Line, State, as_table, verdict};
 use crate::simulators::HostPort;
 use crate::simulators::survey::{SILENT, Surveyor};
 use crate::simulators::web::{WebApi, WebChoice, WebError};
+pub(crate) use setup::{SETUP, compared as setup_compared};
 pub(crate) use weather::{WIND_NOW, compared};
 
 /// `skein place`
@@ -82,7 +83,7 @@ pub fn run(args: &PlaceArgs) -> Result<(), Error> {
     };
     let surveyor = Surveyor::open(&args.xplane.to_string())?;
     let lines = placed(&surveyor, web, &scenario, |_| (!args.weather_only).then_some(start))?;
-    terminal::say(&if args.json { terminal::json(&lines) } else { doctor::as_table(&lines) });
+    terminal::say(&if args.json { terminal::json(&lines) } else { as_table(&lines) });
     verdict(&lines)
 }
 
@@ -94,9 +95,7 @@ pub(crate) fn before_flight(scenario: &Scenario, xplanes: &[String], is_over: im
     for (id, address) in scenario.ids().zip(xplanes) {
         let (sender, scenario, address) = (sender.clone(), scenario.clone(), address.clone());
         thread::spawn(move || {
-            let lines = begin_at_start(&scenario, id, &address).unwrap_or_else(|error| {
-                vec![Line::new(&address, "place", error.to_string()).fault("the agent places the aircraft by UDP")]
-            });
+            let lines = before_flight_of(&scenario, id, &address);
             // Without a receiver the flight is over.
             let _ = sender.send((id, lines));
         });
@@ -114,7 +113,13 @@ pub(crate) fn before_flight(scenario: &Scenario, xplanes: &[String], is_over: im
     lines.into_iter().flat_map(|(_, lines)| lines).collect()
 }
 
-/// Places the aircraft of one vehicle for a flight.
+/// Places the aircraft of one vehicle for a flight, as [`before_flight`] does for all.
+pub(crate) fn before_flight_of(scenario: &Scenario, id: VehicleId, address: &str) -> Vec<Line> {
+    begin_at_start(scenario, id, address).unwrap_or_else(|error| {
+        vec![Line::new(address, "place", error.to_string()).fault("the agent places the aircraft by UDP")]
+    })
+}
+
 fn begin_at_start(scenario: &Scenario, id: VehicleId, address: &str) -> Result<Vec<Line>, Error> {
     let xplane: HostPort = address.parse().map_err(|why| Error::Refused(format!("{address}: {why}")))?;
     let written = scenario.vehicle(id).and_then(|vehicle| vehicle.web.as_deref());
@@ -154,31 +159,48 @@ fn placed(
             None
         }
     };
-    if let Some(start) = start(found.position.as_ref()) {
-        lines.push(outcome(&place, put(surveyor, web.as_ref(), scenario, start)?));
-        if lines.iter().any(|line| line.state == State::Fault) {
-            return Ok(lines);
+    let flights = web.as_ref().filter(|web| web.starts_flights());
+    let reply = match start(found.position.as_ref()) {
+        Some(start) => {
+            let put = put(surveyor, flights, scenario, start, found.position.as_ref())?;
+            lines.push(outcome(&place, put));
+            if lines.iter().any(|line| line.state == State::Fault) {
+                return Ok(lines);
+            }
+            None
         }
+        None => flights.and_then(|web| web.change_flight(&changed(web, scenario, found.position.as_ref())).err()),
+    };
+    lines.extend(reply.map(|error| Line::new(&place, "web API", format!("its reply: {error}")).unknown()));
+    // Whether the Web API has set the weather is read from the air.
+    if flights.is_none() || !weather::is_followed(surveyor, scenario)? {
+        weather::set(surveyor, scenario)?;
     }
-    weather::set(surveyor, scenario)?;
     lines.extend(weather::followed(&place, surveyor, scenario)?);
+    lines.extend(setup::followed(&place, surveyor, scenario)?);
     Ok(lines)
 }
 
-/// Puts the aircraft there: how it was asked, the reply, and the distance from the start at last, m.
+/// Puts the aircraft there: how it was asked, the reply, and the distance from the start at last, m. An aircraft that stands
+/// there keeps its place, and the Web API changes its flight.
 fn put(
     surveyor: &Surveyor,
-    web: Option<&WebApi>,
+    flights: Option<&WebApi>,
     scenario: &Scenario,
     start: Placement,
+    found: Option<&Position>,
 ) -> Result<(&'static str, Option<WebError>, Option<f64>), Error> {
-    let aircraft = web.filter(|web| web.starts_flights()).and_then(|web| Some((web, web.text(ACF)?)));
-    let aircraft = aircraft.filter(|(_, path)| !path.is_empty());
+    let mut placing = Placing::at(start);
+    let there = found.filter(|found| !is_flying(found) && placing.state(found) == PlacingState::There);
+    if let (Some(web), Some(there)) = (flights, there) {
+        let reply = web.change_flight(&prepared(web, scenario, &geodetic(&start)).into()).err();
+        return Ok(("its flight changed by its Web API", reply, Some(placing.away_m(there))));
+    }
+    let aircraft = flights.and_then(|web| Some((web, web.text(ACF)?))).filter(|(_, path)| !path.is_empty());
     let (how, reply) = match &aircraft {
-        Some((web, path)) => ("by its Web API", web.start_flight(&flight(path, scenario, &start)).err()),
+        Some((web, path)) => ("by its Web API", web.start_flight(&flight(web, path, scenario, &start)).err()),
         None => ("by UDP", None),
     };
-    let mut placing = Placing::at(start);
     let until = skein_host::clock::now() + LOADED_WITHIN;
     loop {
         let position = surveyor.survey(&[], 10, WATCHED, false)?.position;
@@ -192,24 +214,49 @@ fn put(
     }
 }
 
-/// A flight of the Web API with this aircraft, by day, with the weight that X-Plane gives it by default. Every number has
-/// decimals: one version of X-Plane refuses whole ones.
-fn flight(path: &str, scenario: &Scenario, start: &Placement) -> Value {
-    let &Placement { latitude_deg, longitude_deg, elevation_m, heading_deg, .. } = start;
-    let place = Geodetic::from_degrees(latitude_deg, longitude_deg, elevation_m);
+fn geodetic(start: &Placement) -> Geodetic {
+    Geodetic::from_degrees(start.latitude_deg, start.longitude_deg, start.elevation_m)
+}
+
+/// A new flight of the Web API with this aircraft, by day unless the scenario has a time, with the weight that X-Plane gives
+/// it by default unless the scenario has one. Every number has decimals: one version of X-Plane refuses whole ones.
+fn flight(web: &WebApi, path: &str, scenario: &Scenario, start: &Placement) -> Value {
+    let mut flight = prepared(web, scenario, &geodetic(start));
+    if scenario.plant.local_time_h.is_none() {
+        flight.insert("time_enum".to_owned(), "day".into());
+    }
+    let &Placement { latitude_deg, longitude_deg, heading_deg, .. } = start;
+    flight.insert("aircraft".to_owned(), json!({ "path": path }));
+    let place = json!({ "latitude": latitude_deg, "longitude": longitude_deg, "heading_true": heading_deg });
+    flight.insert("lle_ground_start".to_owned(), place);
+    flight.into()
+}
+
+/// What makes an aircraft on the ground there ready for the scenario: engines, failures, weight, weather and time.
+fn prepared(web: &WebApi, scenario: &Scenario, place: &Geodetic) -> Map<String, Value> {
     let failures = match scenario.plant.random_failures {
         // What X-Plane's own settings say about them remains.
         true => json!({ "fix_everything": true }),
         false => json!({ "fix_everything": true, "mean_time_between_failures_in_hours": 0.0 }),
     };
-    json!({
-        "aircraft": { "path": path },
-        "lle_ground_start": { "latitude": latitude_deg, "longitude": longitude_deg, "heading_true": heading_deg },
-        "engine_status": { "all_engines": { "running": true } },
-        "failures": failures,
-        "time_enum": "day",
-        "weather": weather::of_flight(scenario, &place),
-    })
+    let mut flight = surroundings(web, scenario, place);
+    flight.insert("engine_status".to_owned(), json!({ "all_engines": { "running": true } }));
+    flight.insert("failures".to_owned(), failures);
+    flight.extend(setup::weight_of_flight(&scenario.plant));
+    flight
+}
+
+/// The weather and the time of day around this place.
+fn surroundings(web: &WebApi, scenario: &Scenario, place: &Geodetic) -> Map<String, Value> {
+    let mut flight = setup::time_of_flight(&scenario.plant, web);
+    flight.insert("weather".to_owned(), weather::of_flight(scenario, place));
+    flight
+}
+
+/// A change of a flight that leaves its aircraft alone.
+fn changed(web: &WebApi, scenario: &Scenario, found: Option<&Position>) -> Value {
+    let here = |found: &Position| Geodetic::from_degrees(found.latitude_deg, found.longitude_deg, found.elevation_m);
+    surroundings(web, scenario, &found.map_or_else(|| scenario.origin.geodetic(), here)).into()
 }
 
 fn outcome(place: &str, (how, reply, away_m): (&str, Option<WebError>, Option<f64>)) -> Line {

@@ -179,11 +179,24 @@ impl Swarm {
         Self::of(scenario, cell, &aircraft, &default_options().acf)
     }
 
+    /// The same on ground that is so many metres above the scenario's origin.
+    ///
+    /// # Panics
+    /// If the scenario is not valid.
+    pub fn on_ground(scenario: &Scenario, cell: Frames, ground_m: f64) -> Self {
+        let aircraft = Aircraft::shipped("xcell60").expect("a shipped aircraft").expect("a well-formed file");
+        Self::built(scenario, cell, (&aircraft, &default_options().acf), ground_m)
+    }
+
     /// The same with this aircraft, in simulators that have loaded the aircraft of this path.
     ///
     /// # Panics
     /// If the scenario is not valid.
     pub fn of(scenario: &Scenario, cell: Frames, aircraft: &Aircraft, acf: &str) -> Self {
+        Self::built(scenario, cell, (aircraft, acf), 0.0)
+    }
+
+    fn built(scenario: &Scenario, cell: Frames, (aircraft, acf): (&Aircraft, &str), ground_m: f64) -> Self {
         let origin = Origin::new(scenario.origin.geodetic());
         let starts = starts(scenario).expect("room for all starts");
         let vehicles = scenario.ids().zip(&starts).map(|(id, start)| {
@@ -200,7 +213,9 @@ impl Swarm {
                 client.want_random_failures();
             }
             client.show_up_to(scenario.plant.show_peers, scenario.plant.peer_acf.as_deref()).expect("a path that fits");
-            let options = StandinOptions { acf: acf.to_owned(), ..options(scenario, &origin, id, start, cell) };
+            let options = options(scenario, &origin, id, start, cell);
+            let alt_m = options.alt_m + ground_m;
+            let options = StandinOptions { acf: acf.to_owned(), alt_m, ..options };
             let simulator = Simulator::new(&options).expect("valid options");
             scenario.plant.stick_release.into_iter().for_each(|deflection| client.release_at(deflection));
             Vehicle {

@@ -1,4 +1,5 @@
-//! `skein fly --runs N` as a user runs it: flights that follow each other, interrupted, failed and resumed.
+//! `skein fly --runs N` as a user runs it: flights that follow each other, interrupted, failed and resumed; and one flight
+//! whose X-Planes are paused and restarted.
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
@@ -10,13 +11,17 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use clap::{Args, FromArgMatches};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Write;
+use skein_agent::plant::xplane::wire::operation::Command as SimulatorCommand;
+use skein_agent::plant::xplane::wire::rref::{DatarefRequest, decode_values};
 use skein_common::id::VehicleId;
+use skein_host::clock;
 use skein_tests::processes::children_of;
 use tempfile::TempDir;
 
@@ -181,16 +186,19 @@ fn reads_as_a_study(place: &Place) {
 
 /// X-Planes of the test, which run on between flights.
 struct XPlanes {
+    first_port: u16,
     stops: Vec<Arc<AtomicBool>>,
     threads: Vec<JoinHandle<()>>,
 }
 
 /// Port of the first, outside the range from which the system chooses ports.
 const FIRST_PORT: u16 = 17_600;
+/// The same of the flight whose X-Planes are paused and restarted.
+const LIFE_PORT: u16 = 17_650;
 
 impl XPlanes {
-    fn start() -> Self {
-        let mut all = Self { stops: Vec::new(), threads: Vec::new() };
+    fn start(first_port: u16) -> Self {
+        let mut all = Self { first_port, stops: Vec::new(), threads: Vec::new() };
         (1..=2).for_each(|id| all.begin(id));
         all
     }
@@ -198,7 +206,8 @@ impl XPlanes {
     fn begin(&mut self, id: u8) {
         let defaults = StandinOptions::augment_args(clap::Command::new("standin")).get_matches_from(["standin"]);
         let defaults = StandinOptions::from_arg_matches(&defaults).unwrap();
-        let options = StandinOptions { port: FIRST_PORT, id: VehicleId::new(id).unwrap(), beacon: false, ..defaults };
+        let id = VehicleId::new(id).unwrap();
+        let options = StandinOptions { port: self.first_port, id, beacon: false, ..defaults };
         let mut simulator = Standin::open(&options).unwrap();
         let stop = Arc::new(AtomicBool::new(false));
         self.stops.push(stop.clone());
@@ -220,7 +229,7 @@ impl Drop for XPlanes {
 #[test]
 fn x_planes_stay_a_crashed_aircraft_is_reset_and_a_silent_one_costs_its_flights_only() {
     let place = Place::new("simulators");
-    let mut simulators = XPlanes::start();
+    let mut simulators = XPlanes::start(FIRST_PORT);
     let mut crash = Vec::new();
     Write { value: 1.0, path: "skein/standin/crash" }.encode(&mut crash).unwrap();
     let client = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -251,6 +260,79 @@ fn x_planes_stay_a_crashed_aircraft_is_reset_and_a_silent_one_costs_its_flights_
     let rows = place.rows();
     assert!(rows.len() == 4 && !rows[0].contains("failure"), "{rows:?}");
     starts_are_those_of_the_seeds(&place.out());
+}
+
+/// Waits until an X-Plane reports such a value, and returns how long it took.
+fn reported(port: u16, path: &str, is_such: impl Fn(f32) -> bool) -> Duration {
+    let client = UdpSocket::bind("127.0.0.1:0").unwrap();
+    client.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    let (mut request, mut buffer, begin) = (Vec::new(), [0; 2048], clock::now());
+    DatarefRequest { frequency_hz: 50, index: 7, path }.encode(&mut request).unwrap();
+    loop {
+        client.send_to(&request, ("127.0.0.1", port)).unwrap();
+        // On some systems the port of a simulator that has ended makes a receive fail.
+        let size = client.recv(&mut buffer).unwrap_or_default();
+        let after = clock::now().duration_since(begin);
+        if decode_values(&buffer[..size]).is_ok_and(|mut values| values.any(|(_, value)| is_such(value))) {
+            return after;
+        }
+        assert!(after < Duration::from_secs(20), "{path} is never such at port {port}");
+    }
+}
+
+/// Reads up to the end of the first line with this text, and returns how long it took.
+fn read_until(lines: &mut impl BufRead, text: &str) -> Duration {
+    let (mut line, begin) = (String::new(), clock::now());
+    while !line.contains(text) {
+        line.clear();
+        assert!(lines.read_line(&mut line).unwrap() > 0, "ended without {text:?}");
+    }
+    clock::now().duration_since(begin)
+}
+
+#[test]
+fn an_x_plane_that_is_paused_for_10_s_and_then_killed_and_started_again_is_flown_on_and_the_other_never_stops() {
+    const OVERRIDE: &str = "sim/operation/override/override_joystick";
+    const HEIGHT: &str = "sim/flightmodel/position/y_agl";
+    let place = Place::new("returned");
+    let mut simulators = XPlanes::start(LIFE_PORT);
+    let other = LIFE_PORT + 10;
+    let named = format!("127.0.0.1:{LIFE_PORT},127.0.0.1:{other}");
+    let mut flight = Series::start(
+        place.scenario("fly", &["--duration", "60", "--out", "out", "--timeout", "30", "--xplane", &named]),
+    );
+    let mut lines = flight.wait_for(&["all vehicles active"]);
+    let client = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let command = |path: &str| {
+        let mut datagram = Vec::new();
+        SimulatorCommand { path }.encode(&mut datagram).unwrap();
+        client.send_to(&datagram, ("127.0.0.1", LIFE_PORT)).unwrap();
+    };
+
+    reported(LIFE_PORT, HEIGHT, |height_m| height_m > 3.0);
+    command("sim/operation/pause_on");
+    read_until(&mut lines, "vehicle 1: simulator paused, waits for it");
+    clock::sleep(Duration::from_secs(10));
+    command("sim/operation/pause_off");
+    let rejoined = read_until(&mut lines, "vehicle 1: active");
+    println!("paused 10 s: active {:.1} s after its end", rejoined.as_secs_f64());
+    // It holds its place for 2 s, and then joins.
+    assert!(rejoined < Duration::from_secs(6), "{rejoined:?}");
+
+    simulators.stop(0);
+    read_until(&mut lines, "vehicle 1: ");
+    clock::sleep(Duration::from_secs(2));
+    simulators.begin(1);
+    let controlled = reported(LIFE_PORT, OVERRIDE, |value| value == 1.0);
+    let lifted = reported(LIFE_PORT, HEIGHT, |height_m| height_m > 3.0);
+    println!(
+        "killed: controls {:.1} s after its return, in the air {:.1} s later",
+        controlled.as_secs_f64(),
+        lifted.as_secs_f64()
+    );
+    assert!(controlled < Duration::from_secs(2), "{controlled:?}");
+    read_until(&mut lines, "vehicle 1: active");
+    assert!(reported(other, HEIGHT, |height_m| height_m > 3.0) < Duration::from_secs(1), "the other has landed");
 }
 
 /// Each flight began at its own places: the recordings of two seeds differ in the first positions.

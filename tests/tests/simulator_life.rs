@@ -291,6 +291,24 @@ fn faults_of_the_simulators_set_up_are_reported_by_name_and_do_not_ground_the_ve
 }
 
 #[test]
+fn ground_far_from_the_origins_elevation_is_reported_and_does_not_ground_the_vehicle() {
+    let found = |off_m: f64| {
+        let mut swarm = Swarm::on_ground(&four(), CELL, off_m);
+        swarm.run_until(40.0);
+        assert!(swarm.place(VICTIM).1 > 15.0, "it flies all the same: {} m", swarm.place(VICTIM).1);
+        let faults = swarm.events.iter().filter_map(|(_, id, what)| match what {
+            EventKind::SimulatorFault(fault) => Some((id.get(), *fault)),
+            _ => None,
+        });
+        let mut faults: Vec<_> = faults.collect();
+        faults.sort_unstable_by_key(|(id, _)| *id);
+        faults
+    };
+    assert_eq!(found(10.0), []);
+    assert_eq!(found(-20.0), [1, 2, 3, 4].map(|id| (id, SimulatorFault::GroundOffOrigin(-20))));
+}
+
+#[test]
 fn every_simulator_draws_its_agents_peers_where_they_are() {
     let mut swarm = Swarm::new(&scenario("hover.toml", &["plant.show_peers=19", MOVING]), CELL);
     let speed_m_s = |swarm: &Swarm| swarm.agent(0).centre_velocity_ne_m_s().norm();

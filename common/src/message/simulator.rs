@@ -52,11 +52,16 @@ pub enum SimulatorFault {
     RandomFailures,
     /// Random failures are on, as `plant.random_failures` of the scenario wants.
     WantedRandomFailures,
+    /// The ground below the vehicle is so many metres above the scenario's origin, below it if negative. The altitudes of the
+    /// formation are above the origin.
+    GroundOffOrigin(i32),
 }
 
 impl SimulatorFault {
     /// Largest number of faults in a health report.
     pub const MAX_COUNT: usize = 16;
+    /// Largest difference of ground from an origin that can be reported, m.
+    pub const MAX_GROUND_OFF_M: i32 = 20_000;
 
     /// Whether the scenario asks for it: then it is stated, and no one has to do anything about it.
     pub fn is_wanted(self) -> bool {
@@ -64,7 +69,11 @@ impl SimulatorFault {
     }
 
     pub(super) fn is_plausible(self) -> bool {
-        !matches!(self, Self::NoDataref(path) if !path.is_printable())
+        match self {
+            Self::NoDataref(path) => path.is_printable(),
+            Self::GroundOffOrigin(off_m) => off_m.unsigned_abs() <= Self::MAX_GROUND_OFF_M.unsigned_abs(),
+            Self::RandomFailures | Self::WantedRandomFailures => true,
+        }
     }
 }
 
@@ -78,6 +87,13 @@ impl std::fmt::Display for SimulatorFault {
                 f.write_str("random failures are on in the simulator, turn them off in its failure settings")
             }
             Self::WantedRandomFailures => f.write_str("random failures are on in the simulator, as the scenario wants"),
+            Self::GroundOffOrigin(off_m) => {
+                let (off_m, side) = (off_m.unsigned_abs(), if *off_m < 0 { "below" } else { "above" });
+                write!(
+                    f,
+                    "ground is {off_m} m {side} the scenario's origin, set origin.elevation_m to that of the ground"
+                )
+            }
         }
     }
 }

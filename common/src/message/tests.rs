@@ -115,6 +115,19 @@ fn an_event_of_the_simulator_is_encoded_as_the_golden_bytes_and_its_text_has_to_
 }
 
 #[test]
+fn ground_off_the_origin_is_encoded_as_the_golden_bytes_and_has_a_limit() {
+    let event =
+        |off_m| Event { header: header(), what: EventKind::SimulatorFault(SimulatorFault::GroundOffOrigin(off_m)) };
+    let mut golden = vec![VERSION];
+    golden.extend(HEADER);
+    golden.extend([26, 3, 83]);
+    assert_eq!((encode(&event(-42)), decode(&golden)), (golden, Ok(event(-42))));
+    for off_m in [20_001, i32::MIN, i32::MAX] {
+        assert_eq!(decode::<Event>(&encode(&event(off_m))), Err(DecodeError::Implausible));
+    }
+}
+
+#[test]
 fn an_order_to_some_vehicles_is_encoded_as_the_golden_bytes() {
     let vehicles = [1, 3, 65].map(|number| VehicleId::new(number).unwrap()).into_iter().collect();
     let order = Order { epoch: 5, issuer: 9, verb: Verb::Release, vehicles: Some(vehicles), signature: None };

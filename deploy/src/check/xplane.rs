@@ -9,14 +9,14 @@ use std::time::Duration;
 
 use serde_json::json;
 use skein_agent::plant::xplane::client::RANDOM_FAILURES;
-use skein_common::frame::{Geodetic, Origin};
+use skein_agent::plant::xplane::placing::{LEVEL_WITHIN_M, NEAR_ORIGIN_M, from_origin_m};
+use skein_common::frame::Origin;
 use skein_common::scenario::Scenario;
 use skein_core::aircraft::Profile;
 use skein_lab::error::Error;
 use skein_lab::terminal;
 
-use crate::cluster::check::{Line, verdict};
-use crate::doctor;
+use crate::findings::{self, Line, verdict};
 use crate::new::discover;
 use crate::os;
 use crate::place;
@@ -29,17 +29,15 @@ use crate::simulators::web::WebChoice;
 const WATCHED: Duration = Duration::from_secs(5);
 const ANSWERS_WITHIN: Duration = Duration::from_secs(3);
 const REPORTED: Duration = Duration::from_secs(60);
-/// Positions a second that an agent asks for; below the second number it flies, but not as well; below the third not at all.
+/// Positions a second that an agent asks for; below the second number, which allows for the measurement, it flies, but not as
+/// well; below the third not at all.
 const WANTED_HZ: u32 = 50;
-const WELL_FROM_HZ: f64 = 45.0;
+const WELL_FROM_HZ: f64 = 49.5;
 const FLIES_FROM_HZ: f64 = 20.0;
 /// Longest time between two positions that is no interruption, s.
 const LONGEST_GAP_S: f64 = 0.1;
 /// Characters of the aircraft's path that are read, one dataref for each.
 const PATH_CHARACTERS: usize = 80;
-/// Distance from the scenario's origin above which it looks like a mistake, m, and difference in elevation, m.
-const FAR_M: f64 = 2000.0;
-const HIGH_M: f64 = 50.0;
 
 const VERSION: &str = "sim/version/xplane_internal_version";
 const PAUSED: &str = "sim/time/paused";
@@ -72,7 +70,7 @@ pub(super) fn run(xplane: &HostPort, looked_at: &LookedAt<'_>, json: bool, repor
     if let Some(path) = report {
         write_report(path, &surveyor, looked_at.profile, &lines, REPORTED)?;
     }
-    terminal::say(&if json { terminal::json(&lines) } else { doctor::as_table(&lines) });
+    terminal::say(&if json { terminal::json(&lines) } else { findings::as_table(&lines) });
     verdict(&lines)
 }
 
@@ -90,14 +88,16 @@ fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<V
         // A thread that panicked has printed the reason.
         lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator().port(), heard)));
         lines.push(frames(place, &survey));
-        lines.extend(states(place, &survey));
-        lines.push(random_failures(place, &survey, scenario.is_some_and(|scenario| scenario.plant.random_failures)));
+        let value = |path: &str| web.number(path).or_else(|| survey.value(path).map(f64::from));
+        lines.extend(states(place, &value));
+        lines.push(random_failures(place, &value, scenario.is_some_and(|scenario| scenario.plant.random_failures)));
         lines.push(aircraft(place, &survey, profile, web.aircraft()));
         lines.extend(datarefs(place, &survey, profile));
         lines.push(rotor(place, &survey, profile));
         lines.push(overrides(place, surveyor, &survey, profile)?);
         lines.extend(scenario.and_then(|scenario| origin(place, &survey, scenario)));
-        lines.extend(scenario.map(|scenario| place::compared(place, &survey, scenario)).into_iter().flatten());
+        lines.extend(scenario.into_iter().flat_map(|scenario| place::compared(place, &survey, scenario)));
+        lines.extend(scenario.into_iter().flat_map(|scenario| place::setup_compared(place, &survey, scenario)));
         lines.push(load());
     } else {
         let found = format!("no answer within {} s", SILENT.as_secs());
@@ -116,6 +116,7 @@ fn wanted(profile: &Profile) -> Vec<String> {
         .map(str::to_owned)
         .chain(own)
         .chain(place::WIND_NOW.map(str::to_owned))
+        .chain(place::SETUP.map(str::to_owned))
         .chain((0..PATH_CHARACTERS).map(path_element))
         .collect()
 }
@@ -194,23 +195,25 @@ fn frames(place: &str, survey: &Survey) -> Line {
     }
 }
 
+/// The newest value of a dataref: that of the Web API where it answers, else that by UDP.
+type Values<'a> = dyn Fn(&str) -> Option<f64> + 'a;
+
 /// Whether the simulator simulates.
-fn states(place: &str, survey: &Survey) -> Vec<Line> {
-    let of = |what, path: &str, good: &str, is_good: fn(f32) -> bool, bad: &str, remedy: &str| match survey.value(path)
-    {
+fn states(place: &str, value: &Values<'_>) -> Vec<Line> {
+    let of = |what, path: &str, good: &str, is_good: fn(f64) -> bool, bad: &str, remedy: &str| match value(path) {
         None => Line::new(place, what, "not answered").unknown(),
         Some(value) if is_good(value) => Line::new(place, what, good),
         Some(value) => Line::new(place, what, format!("{bad} ({value})")).fault(remedy),
     };
-    let is_zero = |value: f32| value == 0.0;
+    let is_zero = |value: f64| value == 0.0;
     let mut lines = vec![
         of("pause", PAUSED, "runs", is_zero, "paused", "resume it: P on X-Plane's keyboard"),
         of("replay", REPLAY, "not in replay", is_zero, "in replay", "leave the replay"),
         of("crash", CRASHED, "not crashed", is_zero, "the aircraft has crashed", "reset the flight"),
     ];
-    lines.push(match survey.value(SPEED) {
+    lines.push(match value(SPEED) {
         None => Line::new(place, "speed", "not answered").unknown(),
-        Some(speed) if (speed - 1.0).abs() < 0.05 || survey.value(PAUSED) == Some(1.0) => {
+        Some(speed) if (speed - 1.0).abs() < 0.05 || value(PAUSED) == Some(1.0) => {
             Line::new(place, "speed", format!("{speed:.2} times real time"))
         }
         Some(speed) => Line::new(place, "speed", format!("{speed:.2} times real time"))
@@ -220,9 +223,9 @@ fn states(place: &str, survey: &Survey) -> Vec<Line> {
 }
 
 /// Whether random failures are on if they are wanted, and off if they are not.
-fn random_failures(place: &str, survey: &Survey, are_wanted: bool) -> Line {
+fn random_failures(place: &str, value: &Values<'_>, are_wanted: bool) -> Line {
     let line = |found: &str| Line::new(place, "random failures", found);
-    let values = RANDOM_FAILURES.iter().filter_map(|path| survey.value(path));
+    let values = RANDOM_FAILURES.iter().filter_map(|path| value(path));
     match (values.map(|value| value != 0.0).reduce(|one, other| one || other), are_wanted) {
         (None, _) => line("not answered").unknown(),
         (Some(false), false) => line("off"),
@@ -335,9 +338,7 @@ pub(crate) fn read_until(surveyor: &Surveyor, paths: &[String], value: f32) -> R
 /// Where the aircraft is from the scenario's origin.
 fn origin(place: &str, survey: &Survey, scenario: &Scenario) -> Option<Line> {
     let position = survey.position.as_ref()?;
-    let at = Geodetic::from_degrees(position.latitude_deg, position.longitude_deg, position.elevation_m);
-    let from = Origin::new(scenario.origin.geodetic()).ned_from_geodetic(&at);
-    let (away_m, ground_m) = (from.horizontal().norm(), from.altitude_m() - f64::from(position.height_m));
+    let (away_m, ground_m) = from_origin_m(&Origin::new(scenario.origin.geodetic()), position);
     let line = Line::new(
         place,
         "origin",
@@ -349,7 +350,7 @@ fn origin(place: &str, survey: &Survey, scenario: &Scenario) -> Option<Line> {
         position.longitude_deg,
         position.elevation_m - f64::from(position.height_m)
     );
-    Some(if away_m > FAR_M || ground_m.abs() > HIGH_M {
+    Some(if away_m > NEAR_ORIGIN_M || ground_m.abs() > LEVEL_WITHIN_M {
         line.warning(format!("move the aircraft there, or the origin here: {here}"))
     } else {
         line

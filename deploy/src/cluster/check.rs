@@ -12,10 +12,8 @@ mod ports;
 use std::path::Path;
 use std::time::Duration;
 
-use serde::Serialize;
-
-use super::nodes;
 use super::ssh::{Ssh, at_once, by_host};
+use crate::findings::{Line, table, verdict};
 use crate::inventory::{Inventory, Node};
 use host::HostChecks;
 use skein_lab::error::Error;
@@ -23,63 +21,9 @@ use skein_lab::error::Error;
 /// Time limit of a login; a host that takes longer is not asked further.
 const LOGIN: Duration = Duration::from_secs(7);
 
-/// Result of one check.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct Line {
-    /// The node or host.
-    pub(crate) place: String,
-    /// What was checked.
-    pub(crate) what: &'static str,
-    pub(crate) state: State,
-    /// What was found.
-    pub(crate) found: String,
-    /// What to do about it.
-    pub(crate) remedy: Option<String>,
-}
-
-/// Verdict of a check.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum State {
-    Good,
-    /// It does not prevent a flight.
-    Warning,
-    Fault,
-    /// It could not be checked.
-    Unknown,
-}
-
-impl State {
-    /// The state as the tables show it.
-    pub(crate) fn label(self) -> &'static str {
-        match self {
-            Self::Good => "ok",
-            Self::Warning => "warning",
-            Self::Fault => "FAULT",
-            Self::Unknown => "?",
-        }
-    }
-}
-
 impl Line {
-    pub(crate) fn new(place: impl Into<String>, what: &'static str, found: impl Into<String>) -> Self {
-        Self { place: place.into(), what, state: State::Good, found: found.into(), remedy: None }
-    }
-
     fn of(node: &Node, what: &'static str, found: impl Into<String>) -> Self {
         Self::new(format!("node {}", node.id), what, found)
-    }
-
-    pub(crate) fn fault(self, remedy: impl Into<String>) -> Self {
-        Self { state: State::Fault, remedy: Some(remedy.into()), ..self }
-    }
-
-    pub(crate) fn warning(self, remedy: impl Into<String>) -> Self {
-        Self { state: State::Warning, ..self.fault(remedy) }
-    }
-
-    pub(crate) fn unknown(self) -> Self {
-        Self { state: State::Unknown, ..self }
     }
 
     /// Makes a fault from a sentence `what is wrong; what to do`; `or` is the remedy if the sentence has none.
@@ -98,18 +42,6 @@ pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
     let lines = check_all(&inventory, &file.display().to_string());
     skein_lab::terminal::say(&if json { skein_lab::terminal::json(&lines) } else { as_table(&lines) });
     verdict(&lines)
-}
-
-/// Counts the faults.
-///
-/// # Errors
-/// If there is one.
-pub(crate) fn verdict(lines: &[Line]) -> Result<(), Error> {
-    match lines.iter().filter(|line| line.state == State::Fault).count() {
-        0 => Ok(()),
-        1 => Err(Error::Failed("1 fault prevents a flight".to_owned())),
-        faults => Err(Error::Failed(format!("{faults} faults prevent a flight"))),
-    }
 }
 
 /// Runs all checks.
@@ -149,7 +81,7 @@ pub(crate) fn as_table(lines: &[Line]) -> String {
             [&*line.place, line.what, line.state.label(), &line.found, line.remedy.as_deref().unwrap_or_default()];
         cells.map(str::to_owned).to_vec()
     };
-    nodes::table(&["where", "what", "", "found", "remedy"], lines.iter().map(row))
+    table(&["where", "what", "", "found", "remedy"], lines.iter().map(row))
 }
 
 #[cfg(test)]

@@ -38,6 +38,7 @@ use skein_common::id::VehicleName;
 
 use super::protocol::{Answer, Ask, Request};
 use crate::capacity::{self, Demand};
+use crate::findings::Line;
 use node::{NodeFolder, Settings};
 use place::Place;
 use skein_lab::error::Error;
@@ -97,6 +98,11 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
         Ask::Simulator { address } => {
             return Ok(Answer::Simulator(crate::simulators::ask(&address).map_err(|error| error.to_string())));
         }
+        Ask::Place { address } => {
+            let scenario = node.scenario()?;
+            let lines = crate::place::before_flight_of(&scenario, id.vehicle, &address);
+            return Ok(Answer::Placed(lines.iter().map(Line::sentence).collect()));
+        }
         Ask::Reach { endpoints } => return Ok(Answer::Reach(probe::reach(&endpoints))),
         Ask::Carries { agents, swarm } => {
             let demand = Demand { agents, swarm, traces: false };
@@ -133,7 +139,12 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
             service::remove_service(place, &node)?;
             install::remove(place, &node)?
         }
-        Ask::Facts | Ask::Simulator { .. } | Ask::Reach { .. } | Ask::Carries { .. } | Ask::Log { .. } => false,
+        Ask::Facts
+        | Ask::Simulator { .. }
+        | Ask::Place { .. }
+        | Ask::Reach { .. }
+        | Ask::Carries { .. }
+        | Ask::Log { .. } => false,
     };
     Ok(Answer::Done { changed, forced, facts: node.facts() })
 }

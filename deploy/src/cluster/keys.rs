@@ -11,7 +11,8 @@ use serde_json::json;
 use skein_agent::link::signature::{SigningKey, VerificationKey};
 use time::OffsetDateTime;
 
-use super::{FileArgs, nodes};
+use super::FileArgs;
+use crate::findings;
 use crate::inventory::{Inventory, SecurityKind};
 use crate::keys::certificate::{self, Authority, CertificateSpec, Unfit, expires, unfit};
 use crate::keys::folder::{
@@ -354,7 +355,7 @@ fn as_table(lines: &[KeyFileLine]) -> String {
         let KeyFileLine { who, name, address, expires, done } = line.clone();
         vec![who, name, or_dash(address), or_dash(expires.map(day)), or_dash(done)]
     };
-    nodes::table(&["who", "name", "address", "expires", "done"], lines.iter().map(row))
+    findings::table(&["who", "name", "address", "expires", "done"], lines.iter().map(row))
 }
 
 fn as_json(inventory: &Inventory, lines: &[KeyFileLine]) -> serde_json::Value {

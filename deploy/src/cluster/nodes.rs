@@ -5,7 +5,6 @@ use std::io::IsTerminal;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use serde::Serialize;
 use skein_common::id::VehicleName;
@@ -13,6 +12,7 @@ use skein_common::printable::printable_lines;
 
 use super::FileArgs;
 use super::ssh::{self, Host, Ssh};
+use crate::findings::table;
 use crate::inventory::{Install, Inventory, Node};
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -210,19 +210,6 @@ impl Drop for ProgressLine<'_> {
             bar.finish();
         }
     }
-}
-
-/// Formats a table, fitted to the terminal's width. Columns whose header ends in a unit are right-aligned numbers.
-pub fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING).set_header(header.iter().copied());
-    table.set_content_arrangement(ContentArrangement::Dynamic);
-    table.add_rows(rows);
-    let is_number = |name: &str| name == "node" || [" s", " MB"].iter().any(|unit| name.ends_with(unit));
-    let columns = table.column_iter_mut().zip(header).filter(|(_, name)| is_number(name));
-    columns.for_each(|(column, _)| column.set_cell_alignment(CellAlignment::Right));
-    let text = table.to_string();
-    text.lines().map(|line| line.trim_end().to_owned() + "\n").collect()
 }
 
 /// The host of a node, for a table.

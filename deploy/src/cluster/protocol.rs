@@ -1,5 +1,5 @@
 //! The requests of the operator's PC to a node's host over ssh, and the answers. A request is one JSON object on the
-//! Time limit of the landing, s.
+//! standard input of `skein node`; the answer is one JSON object on its standard output.
 
 use std::net::IpAddr;
 
@@ -61,6 +61,12 @@ pub enum Ask {
         /// `HOST[:PORT]`
         address: String,
     },
+    /// Put the aircraft of the simulator at this address to the start of the node's vehicle, in the weather of the scenario
+    /// that is installed, as `skein fly` does before a flight.
+    Place {
+        /// `HOST[:PORT]`
+        address: String,
+    },
     /// Ask whether these endpoints of peers, `HOST:PORT`, can be reached within a second.
     Reach {
         /// The endpoints.
@@ -113,6 +119,8 @@ pub enum Answer {
     },
     /// Answer to [`Ask::Simulator`]: a description of the simulator, or why it did not answer.
     Simulator(Result<String, String>),
+    /// Answer to [`Ask::Place`]: a sentence for each thing that was done or found.
+    Placed(Vec<String>),
     /// Answer to [`Ask::Carries`]: the reason with figures if the host cannot run the agents, else `None`.
     Carries(Option<String>),
     /// Answer to [`Ask::Reach`]: the result for each endpoint, in the order of the request.

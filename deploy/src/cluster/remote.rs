@@ -16,6 +16,8 @@ use crate::inventory::Node;
 
 /// Time limit of a request, connecting included; a landing that is part of the request comes on top.
 const ANSWER: Duration = Duration::from_secs(20);
+/// What a simulator may need in addition to load a flight.
+const PLACED_WITHIN: Duration = Duration::from_secs(100);
 /// Slowest network for a copy, bytes/s.
 const SLOWEST: u64 = 256 * 1024;
 
@@ -94,6 +96,7 @@ impl Remote<'_> {
     fn ask_program(&self, host: &Host, command: &str, node: &Node, ask: Ask) -> Result<Answer, Fault> {
         let within = match ask {
             Ask::Stop { within_s } | Ask::Remove { within_s } => ANSWER + Duration::from_secs_f64(within_s.max(0.0)),
+            Ask::Place { .. } => ANSWER + PLACED_WITHIN,
             _ => ANSWER,
         };
         let output = self.ssh.run(host, command, &self.request(node, ask), within).map_err(Fault::Failed)?;

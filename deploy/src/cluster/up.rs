@@ -18,6 +18,7 @@ use super::ready::{CONTACT_TIMEOUT, POLL_PERIOD, Watch};
 use super::remote::{Fault, Remote};
 use super::ssh::at_once;
 use crate::capacity::{self, Demand};
+use crate::findings;
 use crate::inventory::{Install, Inventory, Node, SecurityKind};
 use crate::keys::run::Record;
 use skein_host::clock;
@@ -28,7 +29,12 @@ const RUNS: u64 = 1 << 48;
 
 /// `skein cluster up`
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:\n  skein cluster up\n  skein cluster up -f cluster.toml --timeout 120")]
+#[command(
+    long_about = "Starts every agent in one run of the swarm, and waits until every vehicle is ready. Before that each host puts the \
+                  aircraft of its X-Plane to the vehicle's start, in the scenario's wind, as `skein fly` does; an aircraft that flies \
+                  stays where it is, and with start.pattern = \"as_is\" each does. An agent that runs already is not affected.",
+    after_help = "Examples:\n  skein cluster up\n  skein cluster up -f cluster.toml --timeout 120"
+)]
 pub struct UpArgs {
     /// The nodes.
     #[command(flatten)]
@@ -107,6 +113,7 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let until = if may_fly_unasked(&chosen.inventory, &running) { contact_deadline } else { clock::now() };
     let note;
     (watch.run, note) = run_of(&mut watch, &reaches, &running, &notes, until)?;
+    up.place(&running);
     up.start((watch.run, note), &running, &mut rows);
     let started_s = progress.seconds();
     up.wait(&mut watch, Duration::from_secs_f64(args.timeout_s), &mut rows);
@@ -248,6 +255,28 @@ impl Up<'_> {
         running.into_iter().flatten().collect()
     }
 
+    /// Lets each host whose agent is not running yet put its X-Plane's aircraft to the start, in the scenario's weather, as
+    /// `skein fly` does. A fault does not stand against the start: the agents place by UDP.
+    fn place(&self, running: &RunningAgents) {
+        let is_down = |node: &Node| running.get(&node.id).is_some_and(Option::is_none);
+        let hosts = self.chosen.hosts();
+        let nodes = hosts.iter().flat_map(|(host, nodes)| nodes.iter().map(move |node| (host, *node)));
+        let asked: Vec<_> = nodes
+            .filter(|(_, node)| is_down(node))
+            .filter_map(|(host, node)| Some((host, node, node.xplane.clone()?)))
+            .collect();
+        at_once(&asked, |(host, node, address)| {
+            let line = self.progress.line(host);
+            line.say(&format!("node {}: placing the aircraft of {address}", node.id));
+            let lines = match self.remote.ask(host, node, Ask::Place { address: address.clone() }) {
+                Ok(Answer::Placed(lines)) => lines,
+                Ok(other) => vec![format!("not placed: answers {other:?}")],
+                Err(fault) => vec![format!("not placed: {}", fault.sentence(host))],
+            };
+            lines.iter().for_each(|found| line.say(&format!("node {}: {found}", node.id)));
+        });
+    }
+
     /// Starts the agents that are not running yet, where the host could be asked; and the supervisor of a running
     /// agent, if it has died.
     fn start(
@@ -361,7 +390,7 @@ impl Report {
             [row.node.to_string(), row.host.clone(), state.to_owned()].into_iter().chain(times).chain([why]).collect()
         });
         let ready = self.nodes.iter().filter(|row| row.state == State::Ready).count();
-        let table = nodes::table(&["node", "host", "state", "started s", "ready s", ""], rows);
+        let table = findings::table(&["node", "host", "state", "started s", "ready s", ""], rows);
         let (all, swarm, run) = (self.nodes.len(), &self.swarm, self.run);
         format!("{table}{ready} of {all} vehicles of {swarm} are ready after {:.1} s (run {run})\n", self.seconds)
     }
@@ -428,6 +457,36 @@ mod tests {
         let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
         assert!(asked.contains(r#""Start":{"run":5,"note":null}"#), "{asked}");
         assert!(rows.values().all(|row| row.ran && row.started_s.is_some() && row.why.is_none()), "{rows:?}");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn every_x_plane_whose_agent_is_down_is_placed_by_its_host() {
+        let folder = tempfile::tempdir().unwrap();
+        let ssh = local(folder.path());
+        let program = folder.path().join("home/.skein/lab/releases/r1/skein");
+        fs::create_dir_all(program.parent().unwrap()).unwrap();
+        let answer =
+            serde_json::to_string(&Answer::Placed(vec!["place ok: 0 m from its start, by UDP".to_owned()])).unwrap();
+        fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >>asked\necho '{answer}'\n")).unwrap();
+        crate::os::set_mode(&program, 0o755).unwrap();
+        let xplanes = "[defaults]\nplant = 'xplane'\nxplane = '127.0.0.1:49000'";
+        let inventory = lab(folder.path(), 3, xplanes);
+        let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
+        let up = Up {
+            remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm },
+            chosen: &chosen,
+            progress: &Progress::new(true),
+        };
+        let installed = Installed { release: "r1".to_owned(), bundle: "00".to_owned() };
+        let agent = RunningAgent { pid: 7, installed, run: 5, restarts: 0, landing_s: 0.0 };
+        // Vehicle 1 flies, vehicle 2 does not, and the host of vehicle 3 could not be asked.
+        let ids: Vec<VehicleName> = chosen.ids.iter().copied().collect();
+        up.place(&[(ids[0], Some(agent)), (ids[1], None)].into());
+        let asked = fs::read_to_string(folder.path().join("home/asked")).unwrap();
+        let asked: Vec<&str> = asked.lines().collect();
+        assert!(matches!(&asked[..], [one] if one.contains(r#""id":"2""#) || one.contains(r#""id":2"#)), "{asked:?}");
+        assert!(asked[0].contains(r#""Place":{"address":"127.0.0.1:49000"}"#), "{asked:?}");
     }
 
     #[test]

@@ -10,8 +10,8 @@ use skein_agent::unix;
 use skein_lab::out;
 
 use super::line;
-use crate::cluster::check::Line;
 use crate::endpoints;
+use crate::findings::Line;
 use crate::os;
 
 /// Below this free space a recording may not fit, bytes.
@@ -168,7 +168,7 @@ fn python() -> Line {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::check::State;
+    use crate::findings::State;
 
     #[test]
     fn a_busy_processor_and_an_unsynchronised_clock_are_warnings() {

@@ -5,9 +5,9 @@ use std::net::{Ipv4Addr, TcpListener};
 use std::time::Duration;
 
 use super::{firewall, line};
-use crate::cluster::check::Line;
 use crate::cluster::host::probe;
 use crate::cluster::protocol::Reached;
+use crate::findings::Line;
 use crate::new::discover;
 use crate::ports;
 
@@ -86,7 +86,7 @@ pub(super) fn beacon(wait: Duration) -> Line {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cluster::check::State;
+    use crate::findings::State;
 
     #[test]
     fn a_port_in_use_is_named() {

@@ -99,9 +99,88 @@ fn every_number_of_a_flight_has_decimals() {
             _ => false,
         }
     }
-    let scenario = windy();
+    let mut scenario = windy();
+    (scenario.plant.payload_kg, scenario.plant.fuel_kg) = (Some(80.0), Some(20.0));
     let start = start_of(&scenario, VehicleId::new(1).unwrap()).unwrap();
-    assert!(!whole(&flight("Aircraft/x.acf", &scenario, &start)));
+    with(&["--web", "0"], |_, web| {
+        let web = WebApi::open(&web.unwrap().to_string().parse().unwrap()).unwrap();
+        let mut new = flight(&web, "Aircraft/x.acf", &scenario, &start);
+        assert!(!whole(&new) && new["time_enum"] == "day" && new["weight"].is_object(), "{new}");
+        scenario.plant.local_time_h = Some(7.0);
+        new = flight(&web, "Aircraft/x.acf", &scenario, &start);
+        assert_eq!((new["local_time"]["time_in_24_hours"].is_f64(), new.get("time_enum")), (true, None), "{new}");
+        assert_eq!(new["local_time"]["day_of_year"], 172, "its date stays");
+    });
+}
+
+#[test]
+fn time_and_weight_are_set_by_the_web_api_and_read_back_and_differences_are_warnings() {
+    let mut scenario = windy();
+    let plant = &mut scenario.plant;
+    (plant.local_time_h, plant.payload_kg, plant.fuel_kg) = (Some(7.5), Some(80.0), Some(20.0));
+    let start = start_of(&scenario, VehicleId::new(1).unwrap()).unwrap();
+    let states = |lines: &[Line]| ["time of day", "payload", "fuel"].map(|what| found(lines, what).state);
+    with(&["--web", "0"], |udp, web| {
+        let surveyor = Surveyor::open(&udp.to_string()).unwrap();
+        let open = || web.map(|web| WebApi::open(&web.to_string().parse().unwrap()));
+        let lines = placed(&surveyor, open(), &scenario, |_| Some(start)).unwrap();
+        assert_eq!(states(&lines), [State::Good; 3], "{lines:#?}");
+        assert_eq!(found(&lines, "time of day").found, "07:30 local time");
+        // It stands at its start now: its flight is changed, and does not begin anew.
+        let position = || surveyor.survey(&[], 10, Duration::from_millis(300), false).unwrap().position.unwrap();
+        let before = position();
+        surveyor.write("skein/standin/crash", 1.0);
+        scenario.world.wind_m_s = 8.0;
+        scenario.plant.payload_kg = Some(60.0);
+        let lines = placed(&surveyor, open(), &scenario, |_| Some(start)).unwrap();
+        assert!(found(&lines, "place").found.ends_with("its flight changed by its Web API"), "{lines:#?}");
+        assert!(found(&lines, "wind").found.starts_with("8.0 m/s from 300°"), "{lines:#?}");
+        assert_eq!(found(&lines, "payload").found, "60.0 kg");
+        let crashed = ["sim/flightmodel2/misc/has_crashed".to_owned()];
+        let survey = surveyor.survey(&crashed, 0, Duration::from_secs(2), false).unwrap();
+        assert_eq!(survey.value(&crashed[0]), Some(1.0), "a new flight would have ended the crash");
+        assert!((position().latitude_deg - before.latitude_deg).abs() < 1e-7);
+        // Without a placement the weather and the time change, and nothing of the aircraft.
+        scenario.plant.local_time_h = Some(0.0);
+        (scenario.world.wind_m_s, scenario.plant.payload_kg) = (2.0, Some(10.0));
+        let lines = placed(&surveyor, open(), &scenario, |_| None).unwrap();
+        assert!(found(&lines, "wind").found.starts_with("2.0 m/s from 300°"), "{lines:#?}");
+        assert_eq!(states(&lines), [State::Good, State::Warning, State::Good], "{lines:#?}");
+        assert_eq!(found(&lines, "payload").found, "60.0 kg; the scenario has 10.0 kg");
+    });
+    with(&["--version", "11"], |udp, _| {
+        let surveyor = Surveyor::open(&udp.to_string()).unwrap();
+        let lines = placed(&surveyor, None, &scenario, |_| Some(start)).unwrap();
+        assert_eq!(states(&lines), [State::Warning; 3], "UDP does not set them: {lines:#?}");
+        verdict(&lines).unwrap();
+    });
+}
+
+#[test]
+fn a_web_api_that_agrees_and_does_nothing_is_not_believed() {
+    use std::io::{Read, Write};
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let at: HostPort = listener.local_addr().unwrap().to_string().parse().unwrap();
+    thread::spawn(move || {
+        for mut stream in listener.incoming().map_while(Result::ok) {
+            let mut request = vec![0; 65_536];
+            let size = stream.read(&mut request).unwrap_or_default();
+            let body = match &request[..size] {
+                capabilities if capabilities.starts_with(b"GET /api/cap") => {
+                    r#"{"api":{"versions":["v3"]},"x-plane":{"version":"12.4.0"}}"#
+                }
+                datarefs if datarefs.starts_with(b"GET ") => r#"{"data":[]}"#,
+                _ => r#"{"error_code":"success"}"#,
+            };
+            let head = format!("HTTP/1.1 200 OK\r\nContent-Length: {}\r\nConnection: close\r\n\r\n", body.len());
+            let _ = stream.write_all((head + body).as_bytes());
+        }
+    });
+    with(&[], |udp, _| {
+        let surveyor = Surveyor::open(&udp.to_string()).unwrap();
+        let lines = placed(&surveyor, Some(WebApi::open(&at)), &windy(), |_| None).unwrap();
+        assert!(found(&lines, "wind").found.starts_with("4.0 m/s from 300°"), "written by UDP then: {lines:#?}");
+    });
 }
 
 #[test]

@@ -9,7 +9,7 @@ use skein_common::math;
 use skein_common::scenario::{Scenario, World};
 use skein_lab::error::Error;
 
-use crate::cluster::check::Line;
+use crate::findings::Line;
 use crate::simulators::survey::{Survey, Surveyor};
 
 const M_S_PER_KNOT: f64 = 1852.0 / 3600.0;
@@ -132,13 +132,23 @@ fn wanted(scenario: &Scenario) -> (f64, f64) {
 
 /// The air at the aircraft against the scenario's, some seconds after it was set.
 pub(super) fn followed(place: &str, surveyor: &Surveyor, scenario: &Scenario) -> Result<Vec<Line>, Error> {
+    Ok(compared(place, &settled(surveyor, scenario)?.0, scenario))
+}
+
+/// Whether the air at the aircraft becomes the scenario's within some seconds.
+pub(super) fn is_followed(surveyor: &Surveyor, scenario: &Scenario) -> Result<bool, Error> {
+    Ok(settled(surveyor, scenario)?.1)
+}
+
+/// The air once it has become the scenario's, or after some seconds, and whether it has.
+fn settled(surveyor: &Surveyor, scenario: &Scenario) -> Result<(Survey, bool), Error> {
     let until = skein_host::clock::now() + FOLLOWS_WITHIN;
     let paths = WIND_NOW.map(str::to_owned);
     loop {
         let survey = surveyor.survey(&paths, 0, ANSWER, false)?;
         let is_near = wind_now(&survey).is_some_and(|found| off(found, wanted(scenario)) < NOTABLE_M_S);
         if is_near || skein_host::clock::now() >= until {
-            return Ok(compared(place, &survey, scenario));
+            return Ok((survey, is_near));
         }
     }
 }

@@ -10,7 +10,7 @@ use super::survey::Surveyor;
 /// Dataref that is 1 if the aircraft has crashed.
 pub(crate) const CRASHED: &str = "sim/flightmodel2/misc/has_crashed";
 /// The command that puts the aircraft back to where its flight began.
-const RESET: &str = "sim/operation/reset_flight";
+pub(crate) const RESET: &str = "sim/operation/reset_flight";
 /// How long the value may take to arrive, and a reset to load.
 const ANSWER: Duration = Duration::from_secs(2);
 const LOADED_WITHIN: Duration = Duration::from_secs(60);

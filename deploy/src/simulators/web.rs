@@ -164,6 +164,24 @@ impl WebApi {
         Ok(reply.get_mut("data").map(Value::take).unwrap_or_default())
     }
 
+    /// A number, exact; `None` if X-Plane has no such dataref, or it is no number.
+    pub(crate) fn number(&self, name: &str) -> Option<f64> {
+        self.find(name)?;
+        self.read(name).ok()?.as_f64()
+    }
+
+    /// Whether X-Plane has a command of this name; `None` if it does not say: its first version lists no commands.
+    pub(crate) fn has_command(&self, name: &str) -> Option<bool> {
+        if self.version() == "v1" {
+            return None;
+        }
+        match self.get(&format!("{}/commands?filter%5Bname%5D={name}", self.version())) {
+            Ok(found) => Some(found["data"].as_array()?.iter().any(|command| command["name"] == name)),
+            Err(WebError::Refused(404, _)) => Some(false),
+            Err(_) => None,
+        }
+    }
+
     /// A text that X-Plane keeps as bytes, up to its end.
     pub(crate) fn text(&self, name: &str) -> Option<String> {
         use base64::Engine;
@@ -179,6 +197,16 @@ impl WebApi {
     pub(crate) fn start_flight(&self, flight: &Value) -> Result<(), WebError> {
         let address = self.address(&format!("{}/flight", self.version()));
         self.answer(self.agent.post(&address).send_json(json!({ "data": flight }))).map(drop)
+    }
+
+    /// Asks for a change of the flight under way: of everything but its aircraft and its start. Whether it was changed has to be
+    /// read from the simulator's state.
+    ///
+    /// # Errors
+    /// If X-Plane refuses it, or does not answer.
+    pub(crate) fn change_flight(&self, flight: &Value) -> Result<(), WebError> {
+        let address = self.address(&format!("{}/flight", self.version()));
+        self.answer(self.agent.patch(&address).send_json(json!({ "data": flight }))).map(drop)
     }
 
     fn address(&self, path: &str) -> String {

@@ -26,7 +26,7 @@ use skein_common::math::{cos, hypot};
 use skein_common::message::{SimulatorFault, Standstill};
 
 use super::convert;
-use super::placing::{Placing, PlacingState, is_flying};
+use super::placing::{NEAR_ORIGIN_M, Placing, PlacingState, from_origin_m, is_flying};
 use super::wire::prel::Placement;
 use super::wire::rpos::{self, Position};
 use super::wire::{WireError, rref};
@@ -280,9 +280,12 @@ impl Client {
             self.give_back(send);
         }
         self.place(now, send);
-        let Self { inquiry, indices, outgoing, last_position, .. } = self;
+        let Self { inquiry, indices, outgoing, last_position, origin, place, .. } = self;
         let is_answering = last_position.is_some_and(|last| now < last + RESUBSCRIBE_SILENT);
         if let Some(inquiry) = inquiry {
+            let from_origin_m = place.as_ref().map(|(position, _)| from_origin_m(origin, position));
+            let near = from_origin_m.filter(|(away_m, _)| *away_m < NEAR_ORIGIN_M);
+            inquiry.stands_on(near.map(|(_, ground_m)| ground_m));
             inquiry.proceed(now, is_answering, |nth, request| ask(indices, nth, request, outgoing, send));
         }
     }

@@ -80,6 +80,19 @@ impl Placing {
     }
 }
 
+/// Distance from a scenario's origin up to which the ground is compared with the origin's elevation, m.
+pub const NEAR_ORIGIN_M: f64 = 2000.0;
+/// Difference of the ground from the origin's elevation above which it is reported, m: half the default altitude of a
+/// formation, which is above the origin.
+pub const LEVEL_WITHIN_M: f64 = 15.0;
+
+/// Distance of an aircraft at this position from the scenario's origin, and height of the ground below it above the origin, m.
+pub fn from_origin_m(origin: &Origin, position: &Position) -> (f64, f64) {
+    let at = Geodetic::from_degrees(position.latitude_deg, position.longitude_deg, position.elevation_m);
+    let from = origin.ned_from_geodetic(&at);
+    (from.horizontal().norm(), from.altitude_m() - f64::from(position.height_m))
+}
+
 /// Whether an aircraft flies at this position.
 pub fn is_flying(position: &Position) -> bool {
     position.height_m > FLIES_ABOVE_M

@@ -257,6 +257,7 @@ impl Server {
         let old = std::mem::replace(&mut self.settings, Settings::new());
         let own = [Setting::DataRate, Setting::RandomFailures, Setting::Speed, Setting::DropShare, Setting::LoadTime];
         self.settings.keep(&old, &own);
+        self.settings.keep(&old, &[Setting::LocalTime, Setting::LocalDate, Setting::Payload, Setting::Fuel]);
         self.settings.keep(&old, weather::SETTINGS);
         (self.has_collective, self.has_stick) = (false, false);
     }

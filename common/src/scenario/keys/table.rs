@@ -20,6 +20,11 @@ const fn from(min: f64, max: f64) -> Kind {
     Kind::Number(Range { min, max, min_included: true })
 }
 
+/// A number from `min` to `max`, or a text.
+const fn from_or(choice: &'static str, min: f64, max: f64) -> Kind {
+    Kind::NumberOr(choice, Range { min, max, min_included: true })
+}
+
 /// A number above zero, up to `max`.
 const fn above_zero(max: f64) -> Kind {
     Kind::Number(Range { min: 0.0, max, min_included: false })
@@ -87,6 +92,12 @@ pub const KEYS: &[Key] = &[
     key("plant.random_failures", Kind::Bool, Bool(false),
         "whether X-Plane's random failures are part of the flight: check and status then state that they are on, instead of a \
          fault; Skein does not turn them on"),
+    key("plant.local_time_h", from_or("none", 0.0, 24.0), text("none"),
+        "local time of day of an X-Plane, which the Web API of 12.4 sets; \"none\" changes nothing").unit_is("h"),
+    key("plant.payload_kg", from_or("none", 0.0, 1e4), text("none"),
+        "payload of an X-Plane's aircraft when it is placed, which the Web API of 12.4 sets; \"none\" leaves it to X-Plane").unit_is("kg"),
+    key("plant.fuel_kg", from_or("none", 0.0, 1e4), text("none"),
+        "fuel in the first tank of an X-Plane's aircraft when it is placed, which the Web API of 12.4 sets; \"none\" leaves it to X-Plane").unit_is("kg"),
     key("plant.point_mass.max_speed_m_s", above_zero(100.0), number(10.0),
         "largest horizontal speed of a point mass; 10 m/s are above the 7.5 m/s that a formation commands beside its centre's speed"),
     key("plant.point_mass.max_climb_m_s", above_zero(50.0), number(2.5),

@@ -29,6 +29,12 @@ pub struct VehicleModel {
     pub stick_release: Option<f64>,
     /// Whether random failures of an X-Plane are part of the flight.
     pub random_failures: bool,
+    /// Local time of day of an X-Plane, h; `None` changes nothing.
+    pub local_time_h: Option<f64>,
+    /// Weight of the payload of an X-Plane's aircraft, kg; `None` leaves it to X-Plane.
+    pub payload_kg: Option<f64>,
+    /// Weight of the fuel of an X-Plane's aircraft, kg; `None` leaves it to X-Plane.
+    pub fuel_kg: Option<f64>,
     /// Limits and lags of a point mass.
     pub point_mass: PointMassLimits,
 }

@@ -120,6 +120,7 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("sensing.bias.position_m", "0.0", None), ("sensing.bias.rate_deg_s", "0.0", None),
         ("plant.model", r#""helicopter""#, None), ("plant.min_frame_rate_hz", "20.0", None),
         ("plant.show_peers", "0", None), ("plant.stick_release", r#""none""#, None), ("plant.random_failures", "false", None),
+        ("plant.local_time_h", r#""none""#, None), ("plant.payload_kg", r#""none""#, None), ("plant.fuel_kg", r#""none""#, None),
         ("plant.point_mass.max_speed_m_s", "10.0", None),
         ("plant.point_mass.max_climb_m_s", "2.5", None), ("plant.point_mass.max_acceleration_m_s2", "3.0", None),
         ("plant.point_mass.lag_s", "1.0", None), ("plant.point_mass.max_turn_deg_s", "60.0", None),
@@ -270,7 +271,7 @@ fn a_step_changes_single_parameters_of_a_law_and_keeps_the_rest() {
 /// With every key written, the types and the table have the same paths.
 #[test]
 fn the_table_and_the_types_have_the_same_keys() {
-    let text = "duration_s = 5\nswarm.vehicles = 2\nplant = { show_peers = 1, peer_acf = 'a.acf', stick_release = 0.5 }\nsensing = { correlation_s = 9, dropout_s = 1 }\n\
+    let text = "duration_s = 5\nswarm.vehicles = 2\nplant = { show_peers = 1, peer_acf = 'a.acf', stick_release = 0.5, local_time_h = 0, payload_kg = 9, fuel_kg = 9 }\nsensing = { correlation_s = 9, dropout_s = 1 }\n\
         [airspace]\nfence_ne_m = [[-500, -500], [-500, 500], [500, 0]]\nceiling_m = 90\nfloor_m = 5\nfloor_above_ground_m = 6\n\
         obstacles = [{ centre_ne_m = [0, 300], radius_m = 9, top_m = 50 }, { centre_ne_m = [0, 300], size_ne_m = [9, 9] }]\n[network]\nedges = [[1, 2]]\nrange_m = 9\n\
         fade_m = 5\nburst_s = 1\nbandwidth_bit_s = 1e6\nlinks = [{ from = [1], to = [2], both_ways = true, loss = 0.1,\n\

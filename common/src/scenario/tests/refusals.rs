@@ -432,6 +432,8 @@ fn values_that_contradict_each_other_are_refused() {
             "6:12: `plant.peer_acf` has no effect without `plant.show_peers`, the number of peers that are shown",
         ),
         ("[plant]\nshow_peers = 20", "6:14: `plant.show_peers` is 20, out of its range: 0 to 19"),
+        ("[plant]\nlocal_time_h = 24.5", "6:16: `plant.local_time_h` is 24.5, out of its range: 0 to 24"),
+        ("[plant]\npayload_kg = -1", "6:14: `plant.payload_kg` is -1, out of its range: 0 to 10000"),
         (
             "[plant]\nmodel = 'plane'",
             "6:9: `plant.model` is \"plane\", but has to be one of \"helicopter\", \"point_mass\"",

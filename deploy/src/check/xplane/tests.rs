@@ -8,7 +8,7 @@ use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::cluster::check::State;
+use crate::findings::State;
 use crate::release::{ReleaseArgs, run as release};
 
 #[derive(Parser)]
@@ -110,8 +110,8 @@ fn random_failures_are_as_the_scenario_wants_them() {
         (&[1.0], true, State::Good),
         (&[0.0, 0.0], true, State::Warning),
     ] {
-        let values = paths.iter().cloned().zip(values.iter().copied()).collect();
-        let line = random_failures("here", &Survey { values, ..Survey::default() }, are_wanted);
+        let values: std::collections::BTreeMap<_, f64> = paths.iter().cloned().zip(values.iter().copied()).collect();
+        let line = random_failures("here", &|path| values.get(path).copied(), are_wanted);
         assert_eq!(line.state, expected, "{line:?}");
     }
 }
@@ -143,6 +143,31 @@ fn the_web_api_says_which_datarefs_exist_and_which_aircraft_is_loaded() {
     profile.collective.push(dataref("laminar/s76/rotor_collective_ratio"));
     let found = lines("here", &running.surveyor(), &looked_at(&profile, None, &running.web)).unwrap();
     assert_eq!(state(&found, "web datarefs"), State::Fault);
+}
+
+#[test]
+fn the_states_are_read_by_the_web_api_where_it_answers_and_the_command_that_resets_exists() {
+    let running = Running::with(&["--web", "0"]);
+    let surveyor = running.surveyor();
+    for path in ["skein/standin/replay", "skein/standin/crash", RANDOM_FAILURES[0], "skein/standin/speed"] {
+        surveyor.write(path, if path.ends_with("speed") { 0.5 } else { 1.0 });
+    }
+    assert!(read_until(&surveyor, &[RANDOM_FAILURES[0].to_owned(), REPLAY.to_owned()], 1.0).unwrap());
+    surveyor.command("sim/operation/pause_on");
+    assert!(read_until(&surveyor, &[PAUSED.to_owned()], 1.0).unwrap());
+    let web = web::WebChecks::of(&running.web);
+    // What UDP has received says the opposite, or nothing.
+    let bad = states("here", &|path| web.number(path).or(Some(0.0)));
+    for what in ["pause", "replay", "crash"] {
+        assert_eq!(state(&bad, what), State::Fault, "{bad:#?}");
+    }
+    assert_eq!(random_failures("here", &|path| web.number(path), false).state, State::Warning);
+    surveyor.command("sim/operation/pause_off");
+    assert!(read_until(&surveyor, &[PAUSED.to_owned()], 0.0).unwrap());
+    assert_eq!(state(&states("here", &|path| web.number(path)), "speed"), State::Warning);
+    let found = lines("here", &surveyor, &looked_at(&Profile::default(), None, &running.web)).unwrap();
+    assert_eq!((state(&found, "replay"), state(&found, "web commands")), (State::Fault, State::Good), "{found:#?}");
+    assert!(states("here", &|_| None).iter().all(|line| line.state == State::Unknown));
 }
 
 #[test]

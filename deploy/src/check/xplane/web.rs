@@ -2,7 +2,8 @@
 
 use skein_core::aircraft::Profile;
 
-use crate::cluster::check::Line;
+use crate::findings::Line;
+use crate::simulators::reset::RESET;
 use crate::simulators::survey::Survey;
 use crate::simulators::web::{WebApi, WebChoice, WebError};
 
@@ -36,7 +37,15 @@ impl WebChecks {
         }
     }
 
-    /// Whether it is there, and whether it lists every dataref of the aircraft's file.
+    /// The exact value of a number; `None` where UDP has to answer.
+    pub(super) fn number(&self, name: &str) -> Option<f64> {
+        match self {
+            Self::There(api) => api.number(name),
+            _ => None,
+        }
+    }
+
+    /// Whether it is there, and whether it lists every dataref of the aircraft's file and every command that Skein sends.
     pub(super) fn lines(&self, place: &str, survey: &Survey, profile: &Profile) -> Vec<Line> {
         let line = |found: String| Line::new(place, "web API", found);
         match self {
@@ -61,10 +70,21 @@ impl WebChecks {
                 );
                 std::iter::once(line(skein_common::printable::printable(&found, 120)))
                     .chain(missing(place, api, profile))
+                    .chain(commands(place, api))
                     .collect()
             }
         }
     }
+}
+
+/// Whether X-Plane has the commands that Skein sends; aircraft files name none.
+fn commands(place: &str, api: &WebApi) -> Option<Line> {
+    let line = |found: &str| Line::new(place, "web commands", format!("{RESET}: {found}"));
+    Some(match api.has_command(RESET)? {
+        true => line("exists"),
+        false => line("X-Plane has no such command")
+            .warning("`skein fly --runs` cannot reset a crashed aircraft: reset it by hand"),
+    })
 }
 
 /// Each dataref of the aircraft's file that X-Plane does not list.

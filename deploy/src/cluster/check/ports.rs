@@ -83,8 +83,8 @@ fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
 
 #[cfg(test)]
 mod tests {
-    use super::super::State;
     use super::*;
+    use crate::findings::State;
     use crate::inventory::tests::lab;
 
     /// The line of node 1 after calls from this PC and heli2.

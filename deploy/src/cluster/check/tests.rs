@@ -8,6 +8,7 @@ use super::*;
 use crate::cluster::keys as cluster_keys;
 use crate::cluster::protocol::{Facts, Installed, RunningAgent};
 use crate::cluster::ssh::tests::{fake, heli};
+use crate::findings::State;
 use crate::inventory::tests::lab;
 use skein_host::clock;
 

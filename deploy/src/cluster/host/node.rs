@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use skein_agent::config::fleet;
 use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::VehicleName;
-use skein_common::scenario::{Source, load_any};
+use skein_common::scenario::{Scenario, Source, load_any};
 use skein_host::clock;
 
 use super::files::{self, Lock, at};
@@ -234,10 +234,20 @@ impl NodeFolder {
 
     /// Time limit for a landing with this install, s; 0 if its scenario cannot be read.
     fn landing_s(&self, installed: &Installed) -> f64 {
-        let text = fs::read_to_string(self.install(installed).join(SCENARIO)).ok();
-        let described = text.and_then(|text| load_any(&Source { name: SCENARIO, text: &text }, &[]).ok());
-        let loaded = described.and_then(|described| fleet::swarm_of(self.id, described));
-        loaded.map_or(0.0, |loaded| landing::limit_of(&loaded.scenario).as_secs_f64())
+        let loaded = self.scenario_of(installed);
+        loaded.map_or(0.0, |scenario| landing::limit_of(&scenario).as_secs_f64())
+    }
+
+    /// The scenario that the next start flies: that of the vehicle's swarm or team.
+    pub(super) fn scenario(&self) -> Result<Scenario, String> {
+        let installed = linked(&self.current()).ok_or_else(|| format!("nothing is installed for node {}", self.id))?;
+        self.scenario_of(&installed).ok_or_else(|| format!("the scenario of node {} cannot be read", self.id))
+    }
+
+    fn scenario_of(&self, installed: &Installed) -> Option<Scenario> {
+        let text = fs::read_to_string(self.install(installed).join(SCENARIO)).ok()?;
+        let described = load_any(&Source { name: SCENARIO, text: &text }, &[]).ok()?;
+        fleet::swarm_of(self.id, described).map(|loaded| loaded.scenario)
     }
 }
 

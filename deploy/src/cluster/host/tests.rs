@@ -64,6 +64,45 @@ fn a_node_is_installed_and_removed_again() {
 }
 
 #[test]
+fn a_host_places_the_aircraft_of_its_x_plane_by_the_installed_scenario() {
+    use clap::Parser;
+    use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        options: StandinOptions,
+    }
+
+    let given = ["standin", "--port", "0", "--beacon", "false", "--lat", "47.01", "--lon", "8.0"];
+    let mut standin = Standin::open(&Cli::parse_from(given).options).unwrap();
+    let (address, stop) = (standin.address().to_string(), Arc::new(AtomicBool::new(false)));
+    let of_thread = Arc::clone(&stop);
+    let thread = thread::spawn(move || standin.run(&of_thread));
+
+    let folder = tempfile::tempdir().unwrap();
+    let place = place(folder.path());
+    let request = || Ask::Place { address: address.clone() };
+    assert_eq!(ask(&place, request()), Err("nothing is installed for node 1".to_owned()));
+    let scenario = "name = \"windy\"\n[origin]\nlatitude_deg = 47.0\nlongitude_deg = 8.0\nelevation_m = 0\n[swarm]\n\
+                    vehicles = 1\n[world]\nwind_m_s = 4.0\nwind_from_deg = 300.0\n";
+    let file = |content: &str| BundleFile { is_secret: false, is_executable: false, content: content.into() };
+    let files = [("agent.toml".to_owned(), file("id = 1")), ("scenario.toml".to_owned(), file(scenario))];
+    let bundle = Bundle { files: files.into() };
+    done(ask(&place, Ask::Apply { bundle, service: ServiceKind::Own, log: None }));
+    let Answer::Placed(lines) = ask(&place, request()).unwrap() else { panic!("another answer") };
+    assert!(lines[0].starts_with("place ok: ") && lines[0].ends_with(" m from its start, by UDP"), "{lines:?}");
+    assert!(lines[1].starts_with("wind ok: 4.0 m/s from 300°"), "{lines:?}");
+    stop.store(true, Relaxed);
+    thread.join().unwrap();
+    let Answer::Placed(lines) = ask(&place, request()).unwrap() else { panic!("another answer") };
+    assert!(
+        matches!(&lines[..], [line] if line.starts_with("answer FAULT: no answer within 2 s; start X-Plane")),
+        "{lines:?}"
+    );
+}
+
+#[test]
 fn an_impossible_request_fails_and_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let place = place(folder.path());

@@ -5,6 +5,7 @@ use skein_common::id::VehicleName;
 
 use crate::cluster::nodes;
 use crate::cluster::protocol::Installed;
+use crate::findings;
 use crate::inventory::Node;
 
 /// What was done on a node.
@@ -110,7 +111,7 @@ pub(super) fn table(rows: &[Row], dry_run: bool) -> String {
         cells
     };
     let note = if dry_run { "nothing was changed: this is what would be done\n" } else { "" };
-    nodes::table(&header, rows.iter().map(cells)) + note
+    findings::table(&header, rows.iter().map(cells)) + note
 }
 
 /// Formats a number of bytes in MB.

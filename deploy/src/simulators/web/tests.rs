@@ -39,6 +39,10 @@ fn numbers_are_exact_texts_whole_and_elements_found() {
         let throttle = api.find("sim/cockpit2/engine/actuators/throttle_ratio[3]").unwrap();
         assert_eq!(throttle.value_type, "float_array");
         assert!(matches!(api.read("sim/none"), Err(WebError::Refused(404, _))));
+        assert_eq!((api.number("sim/time/paused"), api.number("sim/none")), (Some(0.0), None));
+        assert_eq!(api.number("sim/aircraft/view/acf_relative_path"), None, "a text");
+        assert_eq!(api.has_command("sim/operation/reset_flight"), Some(true));
+        assert_eq!(api.has_command("sim/operation/none"), Some(false));
         assert!(matches!(api.start_flight(&json!({})), Err(WebError::Refused(400, _))));
     });
 }
@@ -111,7 +115,9 @@ fn serve(mut stream: TcpStream, reply: impl Fn(&str) -> HostileReply) {
 fn ask_all(of: &HostPort) -> Result<(), WebError> {
     let api = WebApi::open(of)?;
     let (_, _) = (api.text("a"), api.find("a[2]"));
+    let (_, _) = (api.number("a"), api.has_command("b"));
     api.read("a")?;
+    api.change_flight(&json!({}))?;
     api.start_flight(&json!({}))
 }
 
@@ -179,7 +185,7 @@ fn hostile_replies_are_errors_of_one_sentence_or_without_effect() {
         vec![b' '; LARGEST as usize + 1],
     ]);
     for body in bodies {
-        for path in ["/capabilities", "/datarefs", "/value", "/flight"] {
+        for path in ["/capabilities", "/datarefs", "/value", "/flight", "/commands?filter%5Bname%5D=b"] {
             let is_huge = body.len() > 1 << 20;
             for status in [200, 302, 403, 404, 500].into_iter().take(if is_huge { 1 } else { 5 }) {
                 *hostile.lock().unwrap() = (path, (status, body.clone()));

@@ -27,7 +27,7 @@ const SOURCES: [&str; 11] = [
 ];
 
 /// Types whose definition is not a struct with named fields, as they are encoded.
-const PLAIN: [(&str, &str); 16] = [
+const PLAIN: [(&str, &str); 17] = [
     ("VehicleId", "vehicle id (`u8`, 1 to 250)"),
     (
         "VehicleSet",
@@ -46,6 +46,7 @@ const PLAIN: [(&str, &str); 16] = [
     ("u64", "`u64`"),
     ("u32", "`u32`"),
     ("u16", "`u16`"),
+    ("i32", "`i32`"),
     ("u8", "`u8`"),
 ];
 
@@ -122,7 +123,8 @@ fn encoding() -> String {
         "A message is one byte, the version ({VERSION}), and the [postcard](https://postcard.jamesmunns.com) encoding of its struct: \
          the fields in the order of its table, without names.\n\n\
          | type | bytes |\n| --- | --- |\n| `u8` | one byte |\n| `u32`, `u64` | varint: seven bits a byte, the lowest first, the top \
-         bit set in all but the last |\n| `f64` | 8 bytes, little-endian |\n| text | its length in bytes as a varint, then UTF-8 |\n\
+         bit set in all but the last |\n| `i32` | varint of twice the number, of a negative one of twice its amount less one |\n\
+         | `f64` | 8 bytes, little-endian |\n| text | its length in bytes as a varint, then UTF-8 |\n\
          | list of | the number of its items as a varint, then the items |\n| optional | 0, or 1 and the value |\n\
          | enum | the number of the variant, from 0, as a varint, then what the variant holds |\n\n\
          [`Summary`](#summary) alone is JSON: an object with the fields of its table and `version`. An optional value is null or the value, a \

@@ -1,5 +1,5 @@
 //! Asks the simulator once, after its first position, which of the profile's datarefs it has, whether its random failures
-//! are on, and which aircraft it has loaded. It asks again after everything that can change the answers: a restart of the
+//! are on, and which aircraft it has loaded, and compares the ground with the scenario's origin. It asks again after everything that can change the answers: a restart of the
 //! simulator, a placement, a second without positions, in which an aircraft may have been loaded, and a change of the path or
 //! of the random failures, which stay subscribed.
 //!
@@ -12,6 +12,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use super::session::MAX_QUESTIONS;
+use crate::plant::xplane::placing::LEVEL_WITHIN_M;
 use crate::plant::xplane::wire::rref::DatarefRequest;
 use skein_common::message::{ShortText, SimulatorFault};
 use skein_core::aircraft::Profile;
@@ -70,6 +71,8 @@ pub(super) struct Inquiry {
     other: Option<String>,
     /// Whether the loaded aircraft has been compared since the last start of the inquiry.
     is_compared: bool,
+    /// Height of the ground below the aircraft above the scenario's origin, m, if the two can be compared.
+    ground_m: Option<f64>,
     /// Faults that the last complete inquiry has found.
     faults: Vec<SimulatorFault>,
 }
@@ -92,8 +95,15 @@ impl Inquiry {
             last_batch: None,
             other: None,
             is_compared: false,
+            ground_m: None,
             faults: Vec::new(),
         }
+    }
+
+    /// Takes the height of the ground below the aircraft above the scenario's origin, m; `None` if the aircraft is too far from
+    /// there. The next inquiry reports it.
+    pub(super) fn stands_on(&mut self, ground_m: Option<f64>) {
+        self.ground_m = ground_m;
     }
 
     /// From now on random failures are reported as wanted.
@@ -227,7 +237,8 @@ impl Inquiry {
         }
     }
 
-    /// What the answers show: datarefs of the profile that have not answered, and random failures.
+    /// What the answers show: datarefs of the profile that have not answered, random failures, and ground that is not at the
+    /// height of the origin.
     fn found(&self) -> Vec<SimulatorFault> {
         let (datarefs, failures, _) = self.parts();
         let is_on = failures.iter().any(|question| question.answer.is_some_and(|value| value != 0.0));
@@ -235,7 +246,12 @@ impl Inquiry {
         let missing = missing.map(|question| SimulatorFault::NoDataref(ShortText::of(&question.path)));
         let random =
             if self.wants_failures { SimulatorFault::WantedRandomFailures } else { SimulatorFault::RandomFailures };
-        is_on.then_some(random).into_iter().chain(missing).take(SimulatorFault::MAX_COUNT).collect()
+        let largest_m = f64::from(SimulatorFault::MAX_GROUND_OFF_M);
+        let ground = self.ground_m.filter(|ground_m| ground_m.abs() > LEVEL_WITHIN_M);
+        let ground = ground.map(|ground_m| ground_m.round().clamp(-largest_m, largest_m) as i32);
+        let ground = ground.map(SimulatorFault::GroundOffOrigin);
+        let first = is_on.then_some(random).into_iter().chain(ground);
+        first.chain(missing).take(SimulatorFault::MAX_COUNT).collect()
     }
 
     fn compare_aircraft(&mut self) {
@@ -383,6 +399,26 @@ mod tests {
                 let expected = if bench.inquiry.wants_failures { &wanted } else { faults };
                 assert_eq!(bench.inquiry.faults(), expected, "without {other}");
             }
+        }
+    }
+
+    #[test]
+    fn ground_that_is_not_at_the_height_of_the_origin_is_reported_until_it_is() {
+        let mut bench = Bench::new(None);
+        for (ground_m, expected) in [
+            (Some(14.9), None),
+            (Some(42.4), Some("ground is 42 m above the scenario's origin")),
+            (Some(-15.6), Some("ground is 16 m below the scenario's origin")),
+            (None, None),
+            (Some(f64::NAN), None),
+            (Some(f64::INFINITY), Some("ground is 20000 m above the scenario's origin")),
+        ] {
+            bench.inquiry.restart();
+            bench.inquiry.stands_on(ground_m);
+            bench.run(6.0);
+            let remedy = ", set origin.elevation_m to that of the ground";
+            let expected: Vec<_> = expected.into_iter().map(|expected| format!("{expected}{remedy}")).collect();
+            assert_eq!(bench.faults(), expected, "{ground_m:?}");
         }
     }
 

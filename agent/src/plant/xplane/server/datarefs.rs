@@ -307,7 +307,12 @@ static DATAREFS: &[Dataref] = &{
         per_engine("sim/cockpit2/engine/indicators/prop_speed_rpm", Computed(|s| rpm_from_rad_s(s.rotor_speed_rad_s))),
         per_engine("sim/flightmodel/engine/POINT_tacrad", Computed(|s| s.rotor_speed_rad_s)),
         int_per_engine("sim/flightmodel/engine/ENGN_running", Computed(|_| 1.0)),
-        // Time and version.
+        // Weight, which the helicopter does not feel here.
+        scalar("sim/flightmodel/weight/m_fixed", Kept(Payload)),
+        scalar("sim/flightmodel/weight/m_fuel_total", Read(Fuel)),
+        // Time and version. The time of day stands still.
+        scalar("sim/time/local_time_sec", Read(LocalTime)),
+        int("sim/time/local_date_days", Kept(LocalDate)),
         scalar("sim/time/total_running_time_sec", Computed(|s| s.running_s)),
         scalar("sim/time/total_flight_time_sec", Computed(|s| s.flight_s)),
         int("sim/time/paused", Computed(|s| s.is_paused.into())),

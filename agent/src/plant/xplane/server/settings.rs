@@ -10,6 +10,11 @@ const ELEMENTS: usize = AIRCRAFT;
 /// Time without frames while the user's own aircraft is loaded, s, unless it is ordered otherwise.
 const LOADS_FOR_S: f32 = 3.0;
 
+const SECONDS_OF_A_DAY: f32 = 86_400.0;
+/// Local time at the start, s: noon; and the date, counted from 0 on the first of January.
+pub(super) const NOON_S: f32 = SECONDS_OF_A_DAY / 2.0;
+const MIDSUMMER: f32 = 171.0;
+
 /// A dataref that can be written and keeps its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Setting {
@@ -28,6 +33,10 @@ pub(super) enum Setting {
     DataRate,
     RandomFailures,
     Speed,
+    LocalTime,
+    LocalDate,
+    Payload,
+    Fuel,
     DropShare,
     Freeze,
     Restart,
@@ -69,6 +78,9 @@ impl Setting {
             Self::Collective | Self::Throttle => value.clamp(0.0, 1.0),
             Self::DataRate => value.trunc().clamp(1.0, 99.0),
             Self::Speed => value.clamp(0.05, 16.0),
+            Self::LocalTime => value.clamp(0.0, SECONDS_OF_A_DAY),
+            Self::LocalDate => value.trunc().clamp(0.0, 365.0),
+            Self::Payload | Self::Fuel => value.clamp(0.0, 1e6),
             // An order to lose no more datagrams must arrive.
             Self::DropShare => value.clamp(0.0, 0.95),
             Self::Freeze | Self::Restart | Self::LoadTime => value.clamp(0.0, 60.0),
@@ -97,6 +109,8 @@ impl Settings {
         settings.0[Setting::Governor as usize] = [1.0; ELEMENTS];
         settings.0[Setting::DataRate as usize] = [20.0; ELEMENTS];
         settings.0[Setting::Speed as usize] = [1.0; ELEMENTS];
+        settings.0[Setting::LocalTime as usize] = [NOON_S; ELEMENTS];
+        settings.0[Setting::LocalDate as usize] = [MIDSUMMER; ELEMENTS];
         settings.0[Setting::LoadTime as usize] = [LOADS_FOR_S; ELEMENTS];
         settings
     }

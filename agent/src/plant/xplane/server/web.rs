@@ -1,6 +1,7 @@
 //! What X-Plane 12's Web API does with the simulator: the HTTP server hands each task over to the frame loop.
 
 use super::datarefs::{Dataref, Handle, ValueType};
+use super::settings::Setting;
 use super::{Action, Order, Server};
 use crate::plant::xplane::wire::prel::Placement;
 use skein_core::helicopter::Weather;
@@ -23,6 +24,14 @@ pub struct Flight {
     pub place_deg: Option<[f64; 3]>,
     /// The weather, if it changes.
     pub weather: Option<Weather>,
+    /// The local time of day, s, if it changes.
+    pub local_time_s: Option<f64>,
+    /// The date, counted from 0 on the first of January, if it changes.
+    pub local_date: Option<f64>,
+    /// The weight of the payload, kg, if it changes.
+    pub payload_kg: Option<f64>,
+    /// The weight of the fuel, kg, if it changes.
+    pub fuel_kg: Option<f64>,
 }
 
 /// What a client of the Web API asks of the simulator. Datarefs are the positions in [`Dataref::all`].
@@ -74,6 +83,14 @@ impl Server {
                         speed_m_s: 0.0,
                     })
                 });
+                for (setting, value) in [
+                    (Setting::LocalTime, flight.local_time_s),
+                    (Setting::LocalDate, flight.local_date),
+                    (Setting::Payload, flight.payload_kg),
+                    (Setting::Fuel, flight.fuel_kg),
+                ] {
+                    value.into_iter().for_each(|value| self.settings.store(setting, 0, value as f32));
+                }
                 Some((Vec::new(), place.into_iter().collect()))
             }
         }

@@ -240,6 +240,41 @@ fn commands_pause_and_a_flight_is_placed_with_its_weather() {
 }
 
 #[test]
+fn a_change_of_a_flight_sets_time_and_weight_and_leaves_the_aircraft_where_it_is() {
+    let running = Running::with(&[]);
+    let latitude_deg = || running.value(LATITUDE).as_f64().unwrap();
+    let before_deg = latitude_deg();
+    let change = json!({"data": {
+        "local_time": {"day_of_year": 32, "time_in_24_hours": 7.25},
+        "weight": {"payload_weight_in_kilograms": [80.5, 1.5], "fueltank_weight_in_kilograms": [20.0]},
+    }});
+    assert_eq!(running.ask("PATCH", "/api/v3/flight", &change), (200, json!({"error_code": "success"})));
+    for (name, expected) in [
+        ("sim/time/local_time_sec", 26_100.0),
+        ("sim/time/local_date_days", 31.0),
+        ("sim/flightmodel/weight/m_fixed", 82.0),
+        ("sim/flightmodel/weight/m_fuel_total", 20.0),
+    ] {
+        running.until(name, |value| value.as_f64() == Some(expected));
+    }
+    assert!((latitude_deg() - before_deg).abs() < 1e-6);
+    for wrong in [
+        json!({"local_time": {"day_of_year": 32, "time_in_24_hours": 7}}),
+        json!({"local_time": {"day_of_year": 0, "time_in_24_hours": 7.0}}),
+        json!({"local_time": {"day_of_year": 32, "time_in_24_hours": 24.5}}),
+        json!({"local_time": {"day_of_year": 32, "time_in_24_hours": 7.5}, "time_enum": "day"}),
+        json!({"local_time": 7.5}),
+        json!({"weight": {"payload_weight_in_kilograms": [80]}}),
+        json!({"weight": {"payload_weight_in_kilograms": []}}),
+        json!({"weight": {"fueltank_weight_in_kilograms": [-1.0]}}),
+        json!({"weight": {"fueltank_weight_in_kilograms": 20.0}}),
+    ] {
+        let (_, reply) = running.ask("PATCH", "/api/v3/flight", &json!({"data": wrong}));
+        assert_eq!(reply["error_code"], "invalid_value", "{wrong}");
+    }
+}
+
+#[test]
 fn a_web_socket_sends_what_changes_and_holds_commands() {
     let running = Running::with(&[]);
     let (roll, running_s) = (running.id("sim/joystick/yoke_roll_ratio"), running.id("sim/time/total_running_time_sec"));

@@ -6,6 +6,13 @@ use super::Fault;
 use crate::plant::xplane::server::{Flight, SEVERE_W20_M_S};
 use skein_core::helicopter::Weather;
 
+const SECONDS_OF_AN_HOUR: f64 = 3600.0;
+const NOON_H: f64 = 12.0;
+/// Ways to say the time, of which a flight has one at most.
+const TIMES: [&str; 4] = ["use_system_time", "local_time", "gmt_time", "time_enum"];
+/// Number of payload stations and of tanks, and most of a weight, kg.
+const MOST_WEIGHTS: usize = 9;
+const HEAVIEST_KG: f64 = 1e6;
 const M_S_PER_KNOT: f64 = 1852.0 / 3600.0;
 /// Keys of a flight; another one is refused.
 const KEYS: [&str; 19] = [
@@ -69,7 +76,15 @@ pub(super) fn started(data: &Json, acf: &str) -> Result<Flight, Fault> {
         decimal(place, "longitude", (-180.0, 180.0))?,
         decimal(place, "heading_true", (0.0, 360.0))?,
     ];
-    Ok(Flight { place_deg: Some(place_deg), weather: weather(flight)? })
+    let given = conditions(flight)?;
+    // What a new flight does not say is as by default: noon, and an aircraft without payload and fuel.
+    Ok(Flight {
+        place_deg: Some(place_deg),
+        local_time_s: given.local_time_s.or(Some(NOON_H * SECONDS_OF_AN_HOUR)),
+        payload_kg: given.payload_kg.or(Some(0.0)),
+        fuel_kg: given.fuel_kg.or(Some(0.0)),
+        ..given
+    })
 }
 
 /// Reads a change of the current flight.
@@ -78,7 +93,51 @@ pub(super) fn changed(data: &Json) -> Result<Flight, Fault> {
     if let Some(fixed) = STARTS.iter().chain(&["aircraft"]).find(|key| flight.contains_key(**key)) {
         return Err(invalid(fixed));
     }
-    Ok(Flight { place_deg: None, weather: weather(flight)? })
+    conditions(flight)
+}
+
+/// What new flights and changes have in common.
+fn conditions(flight: &Map<String, Json>) -> Result<Flight, Fault> {
+    let (local_time_s, local_date) = time(flight)?;
+    let [payload_kg, fuel_kg] = weights(flight)?;
+    Ok(Flight { place_deg: None, weather: weather(flight)?, local_time_s, local_date, payload_kg, fuel_kg })
+}
+
+/// The local time of day, s, and the date, counted from 0.
+fn time(flight: &Map<String, Json>) -> Result<(Option<f64>, Option<f64>), Fault> {
+    let mut given = TIMES.into_iter().filter_map(|key| Some((key, flight.get(key)?)));
+    let (Some((key, value)), None) = (given.next(), given.next()) else {
+        let none = TIMES.iter().all(|key| !flight.contains_key(*key));
+        return if none { Ok((None, None)) } else { Err(invalid("time: at most one is permitted, it")) };
+    };
+    match key {
+        "time_enum" if value == "day" => Ok((Some(NOON_H * SECONDS_OF_AN_HOUR), None)),
+        "local_time" => {
+            let value = value.as_object().ok_or_else(|| invalid(key))?;
+            let day = value.get("day_of_year").and_then(Json::as_u64).filter(|day| (1..=366).contains(day));
+            let day = day.ok_or_else(|| invalid("day_of_year"))? - 1;
+            let hours = decimal(value, "time_in_24_hours", (0.0, 24.0))?;
+            Ok((Some(hours * SECONDS_OF_AN_HOUR), Some(day as f64)))
+        }
+        // Nothing flies by these here.
+        _ => Ok((None, None)),
+    }
+}
+
+/// The weights of payload and fuel, kg.
+fn weights(flight: &Map<String, Json>) -> Result<[Option<f64>; 2], Fault> {
+    let Some(weight) = flight.get("weight") else { return Ok([None; 2]) };
+    let weight = weight.as_object().ok_or_else(|| invalid("weight"))?;
+    let sum = |key: &str| {
+        let Some(parts) = weight.get(key) else { return Ok(None) };
+        let parts = parts.as_array().filter(|parts| (1..=MOST_WEIGHTS).contains(&parts.len()));
+        let part = |part: &Json| {
+            let kg = Some(part).filter(|part| part.is_f64()).and_then(Json::as_f64);
+            kg.filter(|kg| (0.0..=HEAVIEST_KG).contains(kg)).ok_or_else(|| invalid(key))
+        };
+        parts.ok_or_else(|| invalid(key))?.iter().map(part).sum::<Result<f64, _>>().map(Some)
+    };
+    Ok([sum("payload_weight_in_kilograms")?, sum("fueltank_weight_in_kilograms")?])
 }
 
 fn object(data: &Json) -> Result<&Map<String, Json>, Fault> {

@@ -1,0 +1,102 @@
+//! What a check found, line by line, each fault with its remedy; and tables of such lines.
+
+use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
+use serde::Serialize;
+use skein_lab::error::Error;
+
+/// Result of one check.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(crate) struct Line {
+    /// The node or host.
+    pub(crate) place: String,
+    /// What was checked.
+    pub(crate) what: &'static str,
+    pub(crate) state: State,
+    /// What was found.
+    pub(crate) found: String,
+    /// What to do about it.
+    pub(crate) remedy: Option<String>,
+}
+
+/// Verdict of a check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum State {
+    Good,
+    /// It does not prevent a flight.
+    Warning,
+    Fault,
+    /// It could not be checked.
+    Unknown,
+}
+
+impl State {
+    /// The state as the tables show it.
+    pub(crate) fn label(self) -> &'static str {
+        match self {
+            Self::Good => "ok",
+            Self::Warning => "warning",
+            Self::Fault => "FAULT",
+            Self::Unknown => "?",
+        }
+    }
+}
+
+impl Line {
+    pub(crate) fn new(place: impl Into<String>, what: &'static str, found: impl Into<String>) -> Self {
+        Self { place: place.into(), what, state: State::Good, found: found.into(), remedy: None }
+    }
+
+    pub(crate) fn fault(self, remedy: impl Into<String>) -> Self {
+        Self { state: State::Fault, remedy: Some(remedy.into()), ..self }
+    }
+
+    pub(crate) fn warning(self, remedy: impl Into<String>) -> Self {
+        Self { state: State::Warning, ..self.fault(remedy) }
+    }
+
+    pub(crate) fn unknown(self) -> Self {
+        Self { state: State::Unknown, ..self }
+    }
+
+    /// The line as a sentence, without its place.
+    pub(crate) fn sentence(&self) -> String {
+        let Self { what, state, found, remedy, .. } = self;
+        let remedy = remedy.as_ref().map_or_else(String::new, |remedy| format!("; {remedy}"));
+        format!("{what} {}: {found}{remedy}", state.label())
+    }
+}
+
+/// Counts the faults.
+///
+/// # Errors
+/// If there is one.
+pub(crate) fn verdict(lines: &[Line]) -> Result<(), Error> {
+    match lines.iter().filter(|line| line.state == State::Fault).count() {
+        0 => Ok(()),
+        1 => Err(Error::Failed("1 fault prevents a flight".to_owned())),
+        faults => Err(Error::Failed(format!("{faults} faults prevent a flight"))),
+    }
+}
+
+/// The lines as a table, without their places.
+pub(crate) fn as_table(lines: &[Line]) -> String {
+    let row = |line: &Line| {
+        let cells = [line.what, line.state.label(), &line.found, line.remedy.as_deref().unwrap_or_default()];
+        cells.map(str::to_owned).to_vec()
+    };
+    table(&["what", "", "found", "remedy"], lines.iter().map(row))
+}
+
+/// Formats a table, fitted to the terminal's width. Columns whose header ends in a unit are right-aligned numbers.
+pub(crate) fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(header.iter().copied());
+    table.set_content_arrangement(ContentArrangement::Dynamic);
+    table.add_rows(rows);
+    let is_number = |name: &str| name == "node" || [" s", " MB"].iter().any(|unit| name.ends_with(unit));
+    let columns = table.column_iter_mut().zip(header).filter(|(_, name)| is_number(name));
+    columns.for_each(|(column, _)| column.set_cell_alignment(CellAlignment::Right));
+    let text = table.to_string();
+    text.lines().map(|line| line.trim_end().to_owned() + "\n").collect()
+}
