@@ -40,8 +40,8 @@ fn is_from_elsewhere(address: &IpAddr) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::State;
     use super::*;
+    use crate::findings::State;
     use crate::inventory::tests::lab;
 
     #[test]
