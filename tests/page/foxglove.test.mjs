@@ -72,10 +72,11 @@ class Reader {
     this.times = 0;
     const bySubscription = new Map();
     this.client.on("serverInfo", (info) => (this.info = info));
+    const subscribe = (channel) => bySubscription.set(this.client.subscribe(channel.id), { channel, decode: decoder(channel) });
     this.client.on("advertise", (channels) => {
       for (const channel of channels) {
         this.channels.set(channel.topic, channel);
-        bySubscription.set(this.client.subscribe(channel.id), { channel, decode: decoder(channel) });
+        subscribe(channel);
       }
     });
     this.client.on("message", ({ subscriptionId, timestamp, data }) => {
@@ -91,7 +92,14 @@ class Reader {
     this.client.on("error", (error) => {
       if (!/opcode/i.test(error.message)) this.problems.push(error.message);
     });
-    this.client.on("status", (status) => (this.status = status));
+    this.client.on("status", (status) => {
+      this.status = status;
+      // The server of the crate advertises a channel before it knows that the client may subscribe to it, and refuses a
+      // subscription that comes in between.
+      const refused = /^Unknown channel ID: (\d+)$/.exec(status.message);
+      const channel = refused && [...this.channels.values()].find((other) => String(other.id) === refused[1]);
+      if (channel) subscribe(channel);
+    });
     this.socket.addEventListener("message", ({ data }) => {
       if (typeof data === "string") return;
       const view = new DataView(data);

@@ -347,6 +347,8 @@ fn an_agent_that_root_has_installed_gives_up_roots_capabilities() {
     // A container's root may lack the capability to raise limits.
     let can_raise_limits = u64::from_str_radix(&own, 16).unwrap() & SYS_RESOURCE != 0;
     let is_powerless = |id: u32| {
+        // A process that has just been started gives them up before it becomes the agent.
+        wait_until("it gives up its capabilities", || of_process(id, "status", "CapPrm:") == "0000000000000000");
         for set in ["CapInh:", "CapPrm:", "CapEff:", "CapBnd:", "CapAmb:"] {
             assert_eq!(of_process(id, "status", set), "0000000000000000", "{set}");
         }

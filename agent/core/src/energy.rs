@@ -4,7 +4,7 @@ use skein_common::time::PlantTime;
 
 /// Joules in a watt-hour.
 const J_PER_WH: f64 = 3600.0;
-/// Longest time between two frames that counts, s: nobody knows the power of a longer gap.
+/// Longest time between two frames that counts, s: the power in a longer gap is unknown.
 const LONGEST_STEP_S: f64 = 1.0;
 
 /// Adds up the shaft power that the plant reports, from a full store at the start of the agent.

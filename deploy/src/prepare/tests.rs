@@ -142,7 +142,7 @@ fn a_broken_scenario_is_refused_by_all_commands_with_the_same_message() {
         ("[network]\ngraph = 'edges'", "needs"),
         ("swarm.aircraft = 'r 22'", "with or without"),
         ("swarm.aircraft = 'nowhere'", "no aircraft \"nowhere\""),
-        ("[vehicle.2]\naircraft = 'winged'", "winged.toml:95:1: unknown key `trim.wings`"),
+        ("[vehicle.2]\naircraft = 'winged'", "winged.toml:98:1: unknown key `trim.wings`"),
         ("[vehicle.2]\naircraft = 'weightless.toml'", "weightless.toml:11:11: `helicopter.mass_kg` is -8.2"),
         ("[vehicle.1]\naircraft = 'empty.toml'", "empty.toml:1:1: `trim` is missing"),
         ("[vehicle.1]\naircraft = 'torn'", "torn.toml:1:"),

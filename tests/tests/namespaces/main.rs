@@ -23,7 +23,7 @@ use skein_tests::namespaces::missing;
 use swarm::{Line, Swarm};
 
 /// Duration of a network cut.
-const CUT: Duration = Duration::from_secs(20);
+const CUT: Duration = Duration::from_secs(30);
 /// Limit for the time from the end of a cut until the swarm is one again, s.
 const REJOIN_LIMIT_S: f64 = 3.0;
 /// Limit for the time from the loss of a vehicle until the others continue, s.
