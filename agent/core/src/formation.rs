@@ -366,7 +366,8 @@ impl Formation {
             Task::Stay { altitude_m, lands: false, .. } => Some(self.heights.stay_without_rise_m(*altitude_m)),
             _ => None,
         };
-        let altitudes_m = own_m.zip(self.possible_m());
+        // All steps are looked at only while there is another partition.
+        let altitudes_m = if others.flies_above { own_m.zip(self.possible_m()) } else { None };
         let partition_rise_m = self.heights.partition_rise(dt_s, others.flies_above, altitudes_m);
         if let (Some(external), false) = (&mut self.external, matches!(task, Task::Formation(_))) {
             external.suspend();

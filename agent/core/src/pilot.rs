@@ -9,8 +9,8 @@ use crate::estimate::Estimate;
 use crate::helicopter::TICK_S;
 use crate::plant::{Command, Frame, Measurement};
 
-/// Keeps the velocity and the altitude at which it gets the controls, as a pilot does who watches first. It has controls of
-/// its own, so that the agent finds them in other positions than it left them.
+/// Keeps the velocity and the altitude that the vehicle has when this pilot gets the controls. It moves the controls itself,
+/// so that the agent gets them back in other positions than it left them in.
 #[derive(Clone, Debug)]
 pub struct SimulatedPilot {
     origin: Origin,

@@ -26,7 +26,7 @@ impl Setting {
     }
 }
 
-/// Why a text is no setting.
+/// Why a text is not a setting.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingError {
     /// It is not KEY=VALUE.

@@ -75,7 +75,7 @@ impl Controller {
         }
     }
 
-    /// Takes the vehicle over from a human pilot who left the controls in these positions ([`VehicleController::take_over`]).
+    /// Takes the vehicle over from a human pilot. The controls are in these positions ([`VehicleController::take_over`]).
     /// A point mass flies at its limits of acceleration in any case.
     pub fn take_over(&mut self, controls: Option<Controls>) {
         match self {

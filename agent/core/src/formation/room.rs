@@ -32,7 +32,7 @@ pub fn crowded_step(scenario: &Scenario) -> Option<String> {
     })
 }
 
-/// The distance that a flocking law keeps between vehicles, m, with its key; `None` if the law keeps none of its own.
+/// The distance that a flocking law keeps between vehicles, m, with its key; `None` if the law has no such distance.
 fn kept_distance(formation: &Formation) -> Option<(&'static str, f64)> {
     match formation.law {
         Law::Flock => match formation.avoid_distance_m {

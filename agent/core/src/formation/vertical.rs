@@ -34,9 +34,9 @@ pub struct Heights {
     /// The integrated altitude setpoint, m; `None` while it is not integrated.
     surface_m: Option<f64>,
     has_risen: bool,
-    is_above: bool,
-    /// Rise above the altitude without lost peers, m, and where it ends.
+    /// Rise above the altitude without lost peers, m.
     partition_rise_m: f64,
+    /// Where the rise ends, m; 0 unless the vehicle's partition flies above another one.
     partition_target_m: f64,
     /// The altitude to which the rise is added, m, in the last step of a formation.
     base_m: Option<f64>,
@@ -56,7 +56,6 @@ impl Heights {
         is_above: bool,
         altitudes_m: Option<(f64, RangeInclusive<f64>)>,
     ) -> f64 {
-        self.is_above = is_above;
         self.partition_target_m = match altitudes_m {
             _ if !is_above => 0.0,
             Some((own_m, others_m)) if own_m + 2.0 * PARTITION_RISE_M > *others_m.start() => {
@@ -74,7 +73,7 @@ impl Heights {
     /// Takes the altitude of the step that is flown, m. At a new step a vehicle that flies above keeps its altitude.
     pub fn begin_step(&mut self, altitude_m: f64) {
         let before_m = self.base_m.replace(altitude_m).unwrap_or(altitude_m);
-        if self.is_above {
+        if self.partition_target_m > 0.0 {
             self.partition_rise_m = (self.partition_rise_m + before_m - altitude_m).max(0.0);
         }
     }
@@ -90,7 +89,7 @@ impl Heights {
     pub fn is_climbing_above(&self, setpoint_m: f64, estimate: &Estimate) -> bool {
         let has_own_altitude = self.offset_m.is_some() || !self.has_risen;
         let below_m = if has_own_altitude { setpoint_m - estimate.position.altitude_m() } else { 0.0 };
-        self.is_above && self.partition_target_m - self.partition_rise_m + below_m > CLIMBED_M
+        self.partition_target_m > 0.0 && self.partition_target_m - self.partition_rise_m + below_m > CLIMBED_M
     }
 
     /// Change of the rise since the vehicle has stayed at its position, m. A vehicle that `lands` descends; if it stays

@@ -61,7 +61,7 @@ impl Traffic {
         !self.aircraft.is_empty()
     }
 
-    /// The simulator has started anew: it has loaded none of the files.
+    /// The simulator has been restarted, so it has not loaded any of the files yet.
     pub(super) fn simulator_restarted(&mut self) {
         self.aircraft.iter_mut().for_each(|aircraft| (aircraft.is_loaded, aircraft.is_taken) = (false, false));
     }

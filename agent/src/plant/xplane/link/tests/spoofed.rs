@@ -159,8 +159,7 @@ fn a_simulator_that_replies_from_several_ports_is_flown() {
     });
     assert_eq!(spoofed, 0);
     assert!(highest_m > 1.0, "the aircraft did not climb: {highest_m} m");
-    // A busy computer skips frames too; without the simulator's own ports no frame would arrive.
-    assert!(link.foreign() > 100 && link.counters().skipped_frames < 75, "{:?}", link.counters());
+    assert!(link.foreign() > 100 && link.counters().skipped_frames < 20, "{:?}", link.counters());
 }
 
 #[test]
