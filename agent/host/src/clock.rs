@@ -18,7 +18,12 @@ pub struct LocalClock {
 impl LocalClock {
     /// Starts a clock at zero.
     pub fn start() -> Self {
-        Self { zero: now() }
+        Self::zero_at(now())
+    }
+
+    /// A clock that reads zero at this instant.
+    pub fn zero_at(zero: Instant) -> Self {
+        Self { zero }
     }
 
     /// Current time of this clock.
@@ -52,11 +57,21 @@ pub fn new_incarnation() -> Incarnation {
 /// Incarnation number of an agent that starts now, larger than the last one even if the clock was set back. The last
 /// number is read from `file`, and the new one is saved there. The second value describes why it could not be saved.
 pub fn next_incarnation(file: &Path) -> (Incarnation, Option<String>) {
-    let last = fs::read_to_string(file).ok().and_then(|text| text.trim().parse::<u64>().ok());
-    let Incarnation(new) = new_incarnation();
-    let new = last.map_or(new, |last| new.max(last.saturating_add(1)));
-    let fault = fs::write(file, format!("{new}\n")).err();
-    (Incarnation(new), fault.map(|fault| format!("{}: {fault}", file.display())))
+    let new = incarnation_after(fs::read_to_string(file).ok().as_deref(), new_incarnation());
+    let fault = fs::write(file, incarnation_text(new)).err();
+    (new, fault.map(|fault| format!("{}: {fault}", file.display())))
+}
+
+/// The incarnation number of an agent that starts when a new one would have the number `new`. `kept` is the text that the
+/// last agent has kept, if it can be read: the number is larger than that one.
+pub fn incarnation_after(kept: Option<&str>, new: Incarnation) -> Incarnation {
+    let last = kept.and_then(|text| text.trim().parse::<u64>().ok());
+    last.map_or(new, |last| new.max(Incarnation(last.saturating_add(1))))
+}
+
+/// The text that an agent keeps of its incarnation number.
+pub fn incarnation_text(incarnation: Incarnation) -> String {
+    format!("{}\n", incarnation.0)
 }
 
 /// UTC by the system's clock, ns since 1970. Other hosts' clocks differ, and nothing in flight relies on it.

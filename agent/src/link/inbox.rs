@@ -59,6 +59,11 @@ impl Inbox {
         }
     }
 
+    /// Number of messages that wait.
+    pub(super) fn len(&self) -> usize {
+        self.lock().len()
+    }
+
     pub(super) fn drops(&self) -> Drops {
         self.refusals.drops()
     }

@@ -34,7 +34,7 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 /// away if the session of that number came in itself. Secured agents therefore dial from a session that accepts no
 /// links, and show its number only to the peers that they dial; otherwise any node with a certificate could break the
 /// links between other nodes.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Sessions {
     pub(super) all: Vec<Arc<Session>>,
     tunnel: Option<Arc<Tunnel>>,
