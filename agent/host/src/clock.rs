@@ -1,6 +1,7 @@
 //! Clocks of a running process. No other place of the workspace reads a clock; the core gets the time as an argument.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -58,7 +59,7 @@ pub fn new_incarnation() -> Incarnation {
 /// number is read from `file`, and the new one is saved there. The second value describes why it could not be saved.
 pub fn next_incarnation(file: &Path) -> (Incarnation, Option<String>) {
     let new = incarnation_after(fs::read_to_string(file).ok().as_deref(), new_incarnation());
-    let fault = fs::write(file, incarnation_text(new)).err();
+    let fault = overwrite(file, &incarnation_text(new)).err();
     (new, fault.map(|fault| format!("{}: {fault}", file.display())))
 }
 
@@ -69,9 +70,17 @@ pub fn incarnation_after(kept: Option<&str>, new: Incarnation) -> Incarnation {
     last.map_or(new, |last| new.max(Incarnation(last.saturating_add(1))))
 }
 
-/// The text that an agent keeps of its incarnation number.
+/// The text that an agent keeps of its incarnation number. Every number has the same length.
 pub fn incarnation_text(incarnation: Incarnation) -> String {
-    format!("{}\n", incarnation.0)
+    format!("{:020}\n", incarnation.0)
+}
+
+/// Writes over the content of a file. A file that has this length already needs no room on the disk: on a full disk, a file
+/// that is emptied first would remain empty, and the number in it would be lost.
+fn overwrite(file: &Path, text: &str) -> io::Result<()> {
+    let mut file = File::options().write(true).create(true).truncate(false).open(file)?;
+    file.write_all(text.as_bytes())?;
+    file.set_len(text.len() as u64)
 }
 
 /// UTC by the system's clock, ns since 1970. Other hosts' clocks differ, and nothing in flight relies on it.
@@ -159,8 +168,27 @@ mod tests {
         fs::write(&file, "half a num").unwrap();
         let now = utc_nanoseconds();
         assert!((now..ahead).contains(&next_incarnation(&file).0.0), "a damaged file is ignored");
+        fs::write(&file, "longer than any number that an agent keeps").unwrap();
+        let (kept, _) = next_incarnation(&file);
+        assert_eq!(fs::read_to_string(&file).unwrap(), incarnation_text(kept));
         let (life, fault) = next_incarnation(&folder.path().join("nowhere/life"));
         assert!(life >= Incarnation(now) && fault.is_some());
+    }
+
+    #[test]
+    fn a_full_disk_has_room_for_the_next_incarnation_in_the_file_of_the_last_one() {
+        let texts = [0, 1_800_000_000_000_000_000, u64::MAX].map(|number| incarnation_text(Incarnation(number)));
+        assert!(texts.iter().all(|text| text.len() == 21), "{texts:?}");
+        let last = Incarnation(1_800_000_000_000_000_000);
+        let next = incarnation_after(Some(&incarnation_text(last)), Incarnation(5));
+        assert_eq!(next, Incarnation(last.0 + 1), "after the clock was set back");
+        // Overwriting keeps the blocks of the file: what was there is never gone.
+        let folder = tempfile::tempdir().unwrap();
+        let (file, same) = (folder.path().join("life"), folder.path().join("same"));
+        fs::write(&file, incarnation_text(last)).unwrap();
+        fs::hard_link(&file, &same).unwrap();
+        let (new, _) = next_incarnation(&file);
+        assert_eq!(fs::read_to_string(&same).unwrap(), incarnation_text(new));
     }
 
     #[test]
