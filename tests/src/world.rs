@@ -207,7 +207,7 @@ impl World {
         };
         let computers = ids.iter().copied().zip(&starts).filter(|(id, _)| *id != plan.liar).map(computer).collect();
         let network = Network::new(&plan, Chance::new(plan.seed, None, Purpose::Network));
-        let rules = Rules::new(Origin::new(scenario.origin.geodetic()), honest);
+        let rules = Rules::new(Origin::new(scenario.origin.geodetic()), plan_hash, honest);
         let mut flight = WorldFlight { seed: plan.seed, ..WorldFlight::default() };
         for fault in &plan.faults {
             *flight.faults.entry(fault.kind).or_default() += 1;

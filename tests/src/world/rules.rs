@@ -34,6 +34,8 @@ pub(super) const CONTROLS: &str = "controls within limits";
 /// As in the model check of the agreement.
 pub(super) const P1: &str = "P1: neither step nor reached nor vouched decreases in one incarnation";
 /// As in the model check of the agreement.
+pub(super) const P2: &str = "P2: an agent that advances has received from every peer in view that it reached the step";
+/// As in the model check of the agreement.
 pub(super) const P4: &str = "P4: no step begins before an agent reached the one before";
 /// As in the model check of the agreement.
 pub(super) const VOUCHED: &str = "no agent vouches for a step that no honest agent has earned";
@@ -93,8 +95,9 @@ struct Known {
     was_sent_ahead: bool,
     /// The newest state that its view of a peer can hold.
     views: BTreeMap<VehicleId, usize>,
-    /// The newest message of each peer, states and heartbeats apart.
-    newest: BTreeMap<(VehicleId, bool), Option<MessageOrder>>,
+    /// Number of the newest state of each peer, and its newest heartbeat.
+    newest: BTreeMap<VehicleId, MessageOrder>,
+    heartbeats: BTreeMap<VehicleId, Heartbeat>,
     /// Orders that have arrived, with the number of steps since.
     arrived: Vec<(Order, u32)>,
 }
@@ -102,6 +105,8 @@ struct Known {
 /// Watches all honest agents.
 pub(super) struct Rules {
     origin: Origin,
+    /// Hash of the plan.
+    plan: u64,
     honest: VehicleSet,
     sent: BTreeMap<VehicleId, Sent>,
     known: BTreeMap<VehicleId, Known>,
@@ -116,9 +121,9 @@ pub(super) struct Rules {
 }
 
 impl Rules {
-    pub(super) fn new(origin: Origin, honest: VehicleSet) -> Self {
+    pub(super) fn new(origin: Origin, plan: u64, honest: VehicleSet) -> Self {
         let (sent, known, given, earned, largest, violation) = Default::default();
-        Self { origin, honest, sent, known, given, earned, largest, violation }
+        Self { origin, plan, honest, sent, known, given, earned, largest, violation }
     }
 
     /// Notes a violation, unless there is one already.
@@ -161,6 +166,7 @@ impl Rules {
         outputs: &Outputs,
     ) -> VehicleSet {
         self.note_sent(id, outputs);
+        let news = self.news_of_peers(id, agent);
         self.check_received(t_s, id, agent);
         self.check_view(t_s, id, agent);
         self.check_orders(t_s, id, agent);
@@ -170,7 +176,7 @@ impl Rules {
         {
             self.broken(t_s, CONTROLS, format!("vehicle {id} commands {controls:?}"));
         }
-        self.news_of_peers(id, agent)
+        news
     }
 
     fn note_sent(&mut self, id: VehicleId, outputs: &Outputs) {
@@ -221,15 +227,27 @@ impl Rules {
         let Some(known) = self.known.get_mut(&id) else { return VehicleSet::default() };
         let mut news = VehicleSet::default();
         for received in agent.received() {
-            let (header, is_state) = match received.message {
-                PeerMessage::State(state) => (state.header, true),
-                PeerMessage::Mission(mission) => (mission.header, false),
+            let (sender, is_new) = match received.message {
+                PeerMessage::State(state) => {
+                    let (sender, order) = (state.header.sender, state.header.order());
+                    let is_new = known.newest.get(&sender).is_none_or(|newest| *newest < order);
+                    if is_new {
+                        known.newest.insert(sender, order);
+                    }
+                    (sender, is_new)
+                }
+                PeerMessage::Mission(mission) => {
+                    let (sender, order) = (mission.header.sender, mission.header.order());
+                    let is_new = known.heartbeats.get(&sender).is_none_or(|newest| newest.header.order() < order);
+                    if is_new {
+                        known.heartbeats.insert(sender, mission);
+                    }
+                    (sender, is_new)
+                }
                 _ => continue,
             };
-            let newest = known.newest.entry((header.sender, is_state)).or_default();
-            if Some(header.order()) > *newest {
-                *newest = Some(header.order());
-                news.insert(header.sender);
+            if is_new {
+                news.insert(sender);
             }
         }
         news
@@ -310,6 +328,21 @@ impl Rules {
         }
         if step <= earned {
             known.is_misled = false;
+        }
+        // Two peers that vouch, a single peer, or an order move a vehicle forward without the others.
+        let in_view = || known.heartbeats.values().filter(|of| in_contact.contains(of.header.sender));
+        let vouching = in_view().filter(|of| of.vouched >= step).count();
+        let is_ordered = self.given.iter().filter_map(step_of).any(|ordered| ordered >= step);
+        if step == known.step + 1 && vouching < 2 && in_contact.len() > 1 && !is_ordered {
+            let is_late = |of: &&Heartbeat| {
+                of.membership == Membership::Active
+                    && of.plan == self.plan
+                    && of.step < step
+                    && of.reached < Some(step - 1)
+            };
+            if let Some(late) = in_view().find(is_late) {
+                broken.push((P2, format!("vehicle {id} enters step {step} before {late:?}")));
+            }
         }
         if let Some(Heartbeat { vouched, .. }) = outputs.outbox.mission.as_deref() {
             if *vouched < known.vouched {
