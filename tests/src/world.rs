@@ -128,8 +128,9 @@ struct World {
     t_ns: u64,
     /// Since when two honest nodes are healthy with a usual network, and whether they have been in contact since.
     pairs: BTreeMap<(VehicleId, VehicleId), (u64, bool)>,
-    /// Since when a healthy node cannot receive a peer.
+    /// Since when a healthy node cannot receive a peer, and since when it has no link with one.
     silent_since: BTreeMap<(VehicleId, VehicleId), u64>,
+    unlinked_since: BTreeMap<(VehicleId, VehicleId), u64>,
     spreading: Vec<Spreading>,
     /// Whether the agents have agreed at an instant near the end, and how they differed last.
     has_agreed: bool,
@@ -231,6 +232,7 @@ impl World {
             t_ns: 0,
             pairs: BTreeMap::new(),
             silent_since: BTreeMap::new(),
+            unlinked_since: BTreeMap::new(),
             spreading: Vec::new(),
             has_agreed: false,
             difference: None,

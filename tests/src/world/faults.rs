@@ -190,6 +190,17 @@ fn check_silence(world: &mut World) {
     for (one, other) in honest_pairs(world) {
         for (node, peer) in [(one, other), (other, one)] {
             let (computer, of_peer) = (&world.computers[&node], &world.computers[&peer]);
+            let is_unlinked = computer.is_healthy() && world.network.ends_with(node, peer) == 0;
+            if let Some(process) = computer.process.as_ref().filter(|_| is_unlinked) {
+                let since_ns = *world.unlinked_since.entry((node, peer)).or_insert(t_ns);
+                let unlinked_s = (t_ns - since_ns) as f64 * 1e-9;
+                if unlinked_s > rules::UNLINKED_S && process.agent.agent().peers_in_contact().contains(peer) {
+                    let what = format!("vehicle {node} counts {peer}, with which it has no link for {unlinked_s:.2} s");
+                    world.rules.broken(t_s, rules::NOTICED, what);
+                }
+            } else {
+                world.unlinked_since.remove(&(node, peer));
+            }
             let sends = of_peer.process.as_ref().is_some_and(|process| !process.is_stopped && !process.control_hangs)
                 && !of_peer.is_suspended
                 && !of_peer.publisher_is_blocked;

@@ -104,7 +104,7 @@ impl Liar {
             }
             10 => self.absurd(t_s),
             11 => vec![self.own_order(t_s)],
-            12 => (0..20).map(|_| self.sent_order()).collect(),
+            12 => (0..40).map(|_| self.unsigned_order()).collect(),
             13 => vec![self.sent_order(), self.changed(), self.changed()],
             14 => vec![self.garbage(victim), self.garbage(victim)],
             _ => (0..10).flat_map(|_| self.own(t_s)).collect(),
@@ -276,6 +276,12 @@ impl Liar {
 
     fn all(&self) -> VehicleSet {
         self.ids.iter().copied().collect()
+    }
+
+    /// One of many orders without a signature.
+    fn unsigned_order(&mut self) -> Lie {
+        let order = Order { signature: None, ..self.false_order() };
+        (Topic::Order(order.issuer).key(), encode(&order))
     }
 
     /// A false order in its own heartbeat.

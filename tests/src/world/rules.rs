@@ -25,7 +25,7 @@ pub(super) const MEMORY: &str = "bounded memory";
 pub(super) const PRESENCE: &str = "presence is that of the links";
 /// Two healthy nodes with a usual network are in contact within [`REJOIN_S`], with fresh states, and remain so.
 pub(super) const REJOIN: &str = "rejoin within the limit";
-/// A peer that cannot be received is not in contact after [`NOTICED_S`].
+/// A peer that cannot be received is not in contact after [`NOTICED_S`], and a peer without a link after [`UNLINKED_S`].
 pub(super) const NOTICED: &str = "a lost peer is noticed";
 /// An agent that hangs is killed within [`HANG_S`], and one that has ended runs again within [`RESTART_S`].
 pub(super) const RESTART: &str = "restart within the limit";
@@ -48,6 +48,8 @@ pub(super) const REJOIN_S: f64 = 5.0;
 pub(super) const NOTICED_S: f64 = 6.5;
 /// Limit for an agent to run again: the longest pause and the time of two looks, s.
 pub(super) const RESTART_S: f64 = 10.2;
+/// Limit for a node to act on the end of its link with a peer, s.
+pub(super) const UNLINKED_S: f64 = 0.2;
 /// Limit for an agent that hangs to be killed: ten seconds after its last report, which come once a second, s.
 pub(super) const HANG_S: f64 = 11.2;
 /// Limit for an order to be in force at a linked agent, s.
@@ -298,7 +300,7 @@ impl Rules {
         let in_contact = agent.peers_in_contact();
         // An order to it alone sends a vehicle ahead of the others, who do not follow.
         let ahead = self.given.iter().filter(|order| order.vehicles.is_some() && order.is_to(id));
-        let ahead = ahead.filter_map(|order| step_of(order)).max();
+        let ahead = ahead.filter_map(step_of).max();
         let sees_honest = !in_contact.both(self.honest).is_empty();
         let Some(known) = self.known.get_mut(&id) else { return };
         let mut broken = Vec::new();

@@ -6,6 +6,9 @@ use super::plan::FaultKind;
 use super::{WorldFlight, fly};
 use crate::in_parallel;
 
+/// A figure of one flight.
+type Figure<T> = fn(&WorldFlight) -> T;
+
 /// Flies these seeds. Returns the table, and below it every seed in which an invariant was broken; with a log of the flights
 /// if wanted.
 pub fn table(seeds: Range<u64>, wants_log: bool) -> String {
@@ -45,7 +48,7 @@ fn summary(flights: &[WorldFlight]) -> String {
         let count: u32 = flights.iter().filter_map(|flight| flight.faults.get(&kind)).sum();
         rows.push((format!("fault: {}", kind.name()), count.to_string()));
     }
-    let counts: [(&str, fn(&WorldFlight) -> u64); 11] = [
+    let counts: [(&str, Figure<u64>); 11] = [
         ("orders given", |flight| flight.orders.into()),
         ("agents started again", |flight| flight.restarts.into()),
         ("mission steps reached", |flight| flight.steps.into()),
@@ -59,7 +62,7 @@ fn summary(flights: &[WorldFlight]) -> String {
         ("refused: old", |flight| flight.refused.old),
     ];
     rows.extend(counts.map(|(name, of)| (name.to_owned(), sum(of).to_string())));
-    let sizes: [(&str, fn(&WorldFlight) -> usize); 6] = [
+    let sizes: [(&str, Figure<usize>); 6] = [
         ("largest inbox", |flight| flight.largest.inbox),
         ("most linked peers", |flight| flight.largest.linked),
         ("most waiting events", |flight| flight.largest.events),
