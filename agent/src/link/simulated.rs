@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
 use skein_common::id::{VehicleId, VehicleName};
-use skein_common::message::{Drops, Refused};
+use skein_common::message::Drops;
 use skein_common::time::LocalTime;
 use skein_common::topic::Cell;
 
@@ -142,10 +142,6 @@ impl SimulatedEnd {
 
     pub(crate) fn drops(&self) -> Drops {
         self.receiver.inbox.drops()
-    }
-
-    pub(crate) fn refused(&self) -> Vec<Refused> {
-        self.receiver.refused()
     }
 
     pub(crate) fn may_send(&self, name: VehicleName) -> bool {

@@ -40,6 +40,8 @@ struct Peer {
     /// Time without a message, counted only while this computer kept up, s.
     silent_s: f64,
     is_suspected: bool,
+    /// When it has sent again after a suspicion, in this check.
+    returned: Option<LocalTime>,
 }
 
 impl SilenceMonitor {
@@ -64,21 +66,24 @@ impl SilenceMonitor {
             match message {
                 PeerMessage::State(_) | PeerMessage::Mission(_) => {
                     let Some(id) = message.sender() else { continue };
-                    let peer =
-                        self.peers.entry(id).or_insert(Peer { appeared: at, silent_s: 0.0, is_suspected: false });
+                    let new = Peer { appeared: at, silent_s: 0.0, is_suspected: false, returned: None };
+                    let peer = self.peers.entry(id).or_insert(new);
                     peer.silent_s = 0.0;
                     if std::mem::replace(&mut peer.is_suspected, false) {
-                        arrived.push(Received { message: PeerMessage::Appeared(id), at });
+                        peer.returned = Some(at);
                         // It was suspected too early.
                         self.back_off(now);
                     }
                 }
-                // The link reports this peer's state.
+                // The link reports this peer's state, also if its last message came just before the link ended.
                 PeerMessage::Vanished(id) | PeerMessage::Appeared(id) => drop(self.peers.remove(&id)),
                 PeerMessage::Order(_) => {}
             }
         }
         for (&id, peer) in &mut self.peers {
+            if let Some(at) = peer.returned.take() {
+                arrived.push(Received { message: PeerMessage::Appeared(id), at });
+            }
             let is_starting = now.seconds_since(peer.appeared) < START_GRACE_S;
             let timeout_s = if is_starting { MAX_TIMEOUT_S } else { self.timeout_s };
             if !peer.is_suspected && peer.silent_s > timeout_s {
@@ -172,6 +177,16 @@ mod tests {
         );
         let [(message, after_s)] = watched.pass(0.5, FRAME_S, &[2])[..] else { panic!("not restored exactly once") };
         assert!(message == PeerMessage::Appeared(id(2)) && after_s < 0.03, "{message:?} after {after_s} s");
+    }
+
+    #[test]
+    fn a_suspected_peer_whose_last_message_comes_with_the_end_of_its_link_is_gone() {
+        let mut watched = Watched::steady();
+        assert_eq!(watched.pass(2.0, FRAME_S, &[]).len(), 1, "suspected");
+        let at = LocalTime::from_seconds(watched.now_s + FRAME_S);
+        let mut arrived = [heartbeat(2), PeerMessage::Vanished(id(2))].map(|message| Received { message, at }).to_vec();
+        watched.silence.watch(at, &mut arrived);
+        assert_eq!(arrived.len(), 2, "{arrived:?}");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Drops, Refused};
+use skein_common::message::Drops;
 use skein_common::scenario::Scenario;
 use skein_core::agent::{Agent, Outputs};
 use skein_core::aircraft::Aircraft;
@@ -151,10 +151,5 @@ impl SimulatedAgent {
     /// Number of messages that the link refused, by reason.
     pub fn drops(&self) -> Drops {
         self.network.drops()
-    }
-
-    /// The messages that the link refused by reason and key, the latest first.
-    pub fn refused(&self) -> Vec<Refused> {
-        self.network.refused()
     }
 }

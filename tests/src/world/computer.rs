@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use skein::cluster::host::supervision::{Ending, Supervised, Supervision, note_agent};
+use skein::cluster::host::supervision::{AgentEnd, Supervised, Supervision, note_agent};
 use skein_agent::link::Trust;
 use skein_agent::run::simulated::SimulatedAgent;
 use skein_common::id::{Incarnation, VehicleId};
@@ -143,7 +143,7 @@ pub(super) struct Computer {
     supervision: Supervision,
     has_reported: bool,
     /// How the last process ended, until the supervisor has looked.
-    ended: Option<Ending>,
+    ended: Option<AgentEnd>,
     /// When an agent was started first, ns.
     first_start_ns: Option<u64>,
     /// The supervisor's and the operating system's lines for the log.
@@ -208,7 +208,7 @@ impl Computer {
     /// Ends the process, as `kill -9` does.
     pub(super) fn kill(&mut self, t_ns: u64) -> Option<Process> {
         let process = self.process.take()?;
-        self.ended = Some(Ending { is_success: false, how: "was killed by signal 9".to_owned() });
+        self.ended = Some(AgentEnd { is_success: false, how: "was killed by signal 9".to_owned() });
         self.without_agent_since_ns = Some(t_ns);
         Some(process)
     }
@@ -280,12 +280,12 @@ impl<F: Fn() -> Trust> Supervised for Node<'_, F> {
         self.computer.ended = None;
         if let Err(error) = self.computer.start(self.parts, (self.trust)(), self.t_ns, self.now) {
             // The process has started, and has ended by itself.
-            self.computer.ended = Some(Ending { is_success: false, how: format!("ended: {error}") });
+            self.computer.ended = Some(AgentEnd { is_success: false, how: format!("ended: {error}") });
         }
         Ok(())
     }
 
-    fn ended(&mut self) -> Option<Ending> {
+    fn ended(&mut self) -> Option<AgentEnd> {
         if self.computer.process.is_some() { None } else { self.computer.ended.clone() }
     }
 

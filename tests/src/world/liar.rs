@@ -107,7 +107,7 @@ impl Liar {
             12 => (0..40).map(|_| self.unsigned_order()).collect(),
             13 => vec![self.sent_order(), self.changed(), self.changed()],
             14 => vec![self.garbage(victim), self.garbage(victim)],
-            _ => (0..10).flat_map(|_| self.own(t_s)).collect(),
+            _ => (0..4).flat_map(|_| self.own(t_s)).collect(),
         };
         self.lies += lies.len() as u64;
         lies

@@ -29,7 +29,7 @@ pub trait Supervised {
     fn start(&mut self) -> Result<(), String>;
 
     /// How the agent ended; `None` while it runs.
-    fn ended(&mut self) -> Option<Ending>;
+    fn ended(&mut self) -> Option<AgentEnd>;
 
     /// Whether the agent has reported since the last call that its control thread runs.
     fn has_reported(&mut self) -> bool;
@@ -49,7 +49,7 @@ pub trait Supervised {
 
 /// How an agent ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Ending {
+pub struct AgentEnd {
     /// Whether it ended successfully: it is not started again then.
     pub is_success: bool,
     /// How, as the end of a sentence.
@@ -233,9 +233,9 @@ mod tests {
             if self.runs { Ok(()) } else { Err("no program".to_owned()) }
         }
 
-        fn ended(&mut self) -> Option<Ending> {
+        fn ended(&mut self) -> Option<AgentEnd> {
             let how = if self.is_killed { "was killed" } else { "ended" };
-            (!self.runs).then(|| Ending { is_success: self.is_success, how: how.to_owned() })
+            (!self.runs).then(|| AgentEnd { is_success: self.is_success, how: how.to_owned() })
         }
 
         fn has_reported(&mut self) -> bool {

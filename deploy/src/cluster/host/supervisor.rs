@@ -15,7 +15,7 @@ use super::logs::{self, Log};
 use super::node::NodeFolder;
 use super::place::PROGRAM;
 use super::process::Process;
-use super::supervision::{Ending, POLL_PERIOD, Supervised, Supervision};
+use super::supervision::{AgentEnd, POLL_PERIOD, Supervised, Supervision};
 use crate::os::{self, Interrupts, Notifications};
 use skein_host::clock;
 
@@ -111,10 +111,10 @@ impl Supervised for NodeAgent<'_> {
         Ok(())
     }
 
-    fn ended(&mut self) -> Option<Ending> {
+    fn ended(&mut self) -> Option<AgentEnd> {
         let status = self.agent.as_mut()?.ended(&self.node.ended_path())?;
         let how = status.map_or("has disappeared".to_owned(), os::how_it_ended).replace("killed", "was killed");
-        Some(Ending { is_success: status.is_some_and(|status| status.success()), how })
+        Some(AgentEnd { is_success: status.is_some_and(|status| status.success()), how })
     }
 
     fn has_reported(&mut self) -> bool {
