@@ -470,6 +470,7 @@ impl World {
     /// A link has formed at a node: the node counts it, and queries the peer for its last heartbeat.
     fn linked(&mut self, node: VehicleId, peer: VehicleId, link: u64) {
         let (zero, t_ns) = (self.parts.zero, self.t_ns);
+        self.unlinked_since.remove(&(node, peer));
         let Some(computer) = self.computers.get_mut(&node) else { return };
         let now = computer.now(zero, t_ns);
         if let Some(process) = computer.process.as_mut() {

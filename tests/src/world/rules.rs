@@ -39,7 +39,7 @@ pub(super) const P2: &str = "P2: an agent that advances has received from every 
 pub(super) const P4: &str = "P4: no step begins before an agent reached the one before";
 /// As in the model check of the agreement.
 pub(super) const VOUCHED: &str = "no agent vouches for a step that no honest agent has earned";
-/// As in the model check of the agreement: the end of P5.
+/// As in the model check of the agreement: rule (b) and the end of P5.
 pub(super) const AGREED: &str = "all honest agents agree in the end";
 
 /// Limit for two healthy nodes to be in contact again, s.
@@ -332,7 +332,13 @@ impl Rules {
             known.is_misled = false;
         }
         // Two peers that vouch, a single peer, or an order move a vehicle forward without the others.
-        let in_view = || known.heartbeats.values().filter(|of| in_contact.contains(of.header.sender));
+        // A later incarnation may have sent a state and no heartbeat yet.
+        let is_valid = |of: &&Heartbeat| {
+            let sender = of.header.sender;
+            let newest = known.newest.get(&sender).map(|newest| newest.incarnation);
+            in_contact.contains(sender) && newest <= Some(of.header.incarnation)
+        };
+        let in_view = || known.heartbeats.values().filter(is_valid);
         let vouching = in_view().filter(|of| of.vouched >= step).count();
         let is_ordered = self.given.iter().filter_map(step_of).any(|ordered| ordered >= step);
         if step == known.step + 1 && vouching < 2 && in_contact.len() > 1 && !is_ordered {
@@ -404,17 +410,28 @@ impl Rules {
                 return Some(format!("vehicle {id} does not have {missing:?}"));
             }
         }
+        let vouched = |id: VehicleId| self.known.get(&id).map_or(0, |known| known.vouched);
+        for (id, agent) in agents.clone() {
+            let mut others: Vec<u32> =
+                agents.clone().filter(|(other, _)| *other != id).map(|(id, _)| vouched(id)).collect();
+            others.sort_unstable();
+            if others.iter().rev().nth(1).is_some_and(|second| agent.agent().at_step() < *second) {
+                return Some(format!("vehicle {id} is behind a step that two vehicles vouch for: {others:?}"));
+            }
+        }
+        // An order to the swarm to stay keeps every vehicle at its step.
+        if orders.to_swarm().is_some_and(|order| step_of(&order).is_none()) {
+            return None;
+        }
         let is_member = |agent: &SimulatedAgent| agent.agent().membership() == Membership::Active;
         let is_led = |id: VehicleId| !self.known.get(&id).is_some_and(|known| known.is_misled || known.was_sent_ahead);
-        let steps: Vec<_> = agents
-            .filter(|(id, agent)| is_member(agent) && is_led(*id))
-            .map(|(id, agent)| (id, agent.agent().at_step()))
-            .collect();
-        let (least, most) =
-            steps.iter().fold((u32::MAX, 0), |(least, most), (_, step)| (least.min(*step), most.max(*step)));
-        // An order to the swarm to stay may come between two agents that enter a step.
-        let stays = orders.to_swarm().is_some_and(|order| step_of(&order).is_none());
-        (most > least + u32::from(stays)).then(|| format!("steps {steps:?}, orders {orders:?}"))
+        let members = agents.filter(|(id, agent)| is_member(agent) && is_led(*id));
+        let steps: Vec<_> = members.map(|(id, agent)| (id, agent.agent().at_step(), agent.agent().reached())).collect();
+        let least = steps.iter().map(|(_, step, _)| *step).min()?;
+        // A vehicle that ran ahead waits for the others while they fly to the step.
+        let waits = steps.iter().any(|(_, step, reached)| *step == least && *reached < Some(least));
+        let differs = steps.iter().any(|(_, step, _)| *step > least);
+        (differs && !waits).then(|| format!("steps {steps:?}, orders {orders:?}"))
     }
 
     /// Whether an agent has an order or a larger one for the same vehicles.
