@@ -255,6 +255,9 @@ impl Link {
             let state = move |state| PeerMessage::State(ReceivedState::new(state, &origin));
             subscribe::<State>(session, &branch.all(all::STATES), &receiver, state)?;
             subscribe::<Heartbeat>(session, &branch.all(all::MISSIONS), &receiver, PeerMessage::Mission)?;
+        }
+        // All that an agent takes from an operator, who is linked to the feed.
+        for session in sessions.published() {
             subscribe::<Order>(session, &branch.all(all::ORDERS), &receiver, PeerMessage::Order)?;
         }
         let trace = MessagePublisher::open(&sessions, &receiver, &Topic::Trace(own), Priority::DataLow)?;
@@ -263,10 +266,9 @@ impl Link {
         let summary_is_wanted = summary.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
         let mission = MessagePublisher::open(&sessions, &receiver, &Topic::Mission(own), Priority::InteractiveHigh)?;
         let event = MessagePublisher::open(&sessions, &receiver, &Topic::Event(own), Priority::DataHigh)?;
-        let (for_thread, all) = (receiver.clone(), sessions.all.clone());
         let mut publisher_thread = PublisherThread {
-            receiver: for_thread,
-            sessions: all,
+            receiver: receiver.clone(),
+            sessions: sessions.clone(),
             own,
             state_key: None,
             cells: SubscribedCells::default(),
@@ -282,7 +284,7 @@ impl Link {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
         };
         // The token comes last: an agent whose token is visible must already be able to receive.
-        let alive = sessions.all.iter().map(token).collect::<Result<_, _>>()?;
+        let alive = sessions.published().map(token).collect::<Result<_, _>>()?;
         Ok(Self { receiver, outgoing, trace_is_wanted, summary_is_wanted, _alive: alive, own, sessions })
     }
 
@@ -368,7 +370,7 @@ impl Link {
 /// Everything that the publisher's thread sends with.
 struct PublisherThread {
     receiver: Arc<LinkReceiver>,
-    sessions: Vec<Arc<Session>>,
+    sessions: Sessions,
     own: VehicleId,
     state_key: Option<(Cell, String)>,
     cells: SubscribedCells,
@@ -383,7 +385,7 @@ impl PublisherThread {
     /// Sends all waiting messages. Zenoh may block it for a slow peer.
     fn send(&mut self, waiting: &mut Waiting) {
         if let Some(cells) = waiting.cells.take() {
-            self.cells.set(&cells, &self.sessions, &self.receiver);
+            self.cells.set(&cells, &self.sessions.all, &self.receiver);
         }
         if let Some((state, cell)) = waiting.state.take() {
             self.send_state(&state, cell);
@@ -408,7 +410,7 @@ impl PublisherThread {
         let bytes = self.receiver.write(&key, intent);
         self.receiver.traffic.sent(bytes.len());
         let bytes = ZBytes::from(bytes);
-        for session in &self.sessions {
+        for session in self.sessions.published() {
             let put = session.put(key.as_str(), bytes.clone()).congestion_control(CongestionControl::Drop);
             let _ = put.priority(Priority::InteractiveHigh).allowed_destination(Locality::Remote).wait();
         }
@@ -422,7 +424,7 @@ impl PublisherThread {
         let bytes = self.receiver.write(key, state);
         self.receiver.traffic.sent(bytes.len());
         let bytes = ZBytes::from(bytes);
-        for session in &self.sessions {
+        for session in self.sessions.published() {
             // As in `MessagePublisher`: it fails only on a closed session. Cells change, so no publisher is declared.
             let _ = session
                 .put(key.as_str(), bytes.clone())

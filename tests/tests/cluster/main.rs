@@ -7,6 +7,7 @@
 #![expect(clippy::disallowed_methods, reason = "real hosts take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
+mod attacks;
 mod faults;
 mod finished;
 mod fleet;
@@ -125,4 +126,17 @@ fn intruder() {
 fn page() {
     let Some(_alone) = alone() else { return };
     page::print();
+}
+
+#[test]
+#[ignore = "prints how attacks disturb a cluster; takes five minutes, and the PC should do nothing else meanwhile"]
+fn attacks_disturb_no_vehicle() {
+    let Some(_alone) = alone() else { return };
+    attacks::print();
+}
+
+#[test]
+#[ignore = "the process of an attacker, on its own host"]
+fn attacker() {
+    attacks::attack();
 }
