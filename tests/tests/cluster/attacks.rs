@@ -1,6 +1,5 @@
 //! What attackers with and without stolen keys do to a flying cluster: how late its control steps are, how old its states, and
-//! how long a restarted vehicle takes to be in contact again. The attackers' own network is one /24 away from nothing: they are
-//! on the bridge, beside the hosts.
+//! how long a restarted vehicle takes to be in contact again. The attackers are on the bridge, beside the hosts.
 
 use std::fs;
 use std::io::Write;
@@ -24,6 +23,7 @@ use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, Stream
 use zenoh::Wait;
 
 use super::flight::Flight;
+use super::host::kill;
 use super::lab::{HOSTS, Lab};
 use super::print_line;
 use super::sky::{Sky, now_s};
@@ -62,13 +62,13 @@ pub(super) fn print() {
         "attack", "step p99 us", "max us", "late", "jitter ms", "age p99", "age max", "memory MB", "back s"
     ));
     for (name, _) in ATTACKS {
-        let mut attacker = start(&flight.lab, name);
+        let attacker = start(&flight.lab, name);
         sleep(BEGINS);
         let from_s = now_s();
         sleep(MEASURED);
         let row = Row::of(&flight.lab, &sky, from_s);
         let back_s = flight.restart_one(&sky);
-        let _ = attacker.kill();
+        flight.lab.stranger().processes(&["attacker"]).into_iter().for_each(kill);
         let done = attacker.wait_with_output().map(|ended| String::from_utf8_lossy(&ended.stdout).into_owned());
         print_line(&format!("{name:<11} {row} {back_s:>6.2}"));
         let said = done.unwrap_or_default();
@@ -152,9 +152,12 @@ fn steal(lab: &Lab) {
     lab.stranger().put_program(&std::env::current_exe().unwrap(), "/opt/attacker");
 }
 
-/// Starts this attack on the attacker's PC.
+/// Starts this attack on the attacker's PC. With `SKEIN_ATTACKER_CPU` the attacker has this processor: on a PC of its own it would
+/// take nothing from the hosts, which the test then runs on another (`taskset -c 0`).
 fn start(lab: &Lab, name: &str) -> Child {
-    let mut command = lab.stranger().command("env");
+    let own = std::env::var("SKEIN_ATTACKER_CPU").ok();
+    let mut command = lab.stranger().command(if own.is_some() { "taskset" } else { "env" });
+    command.args(own.iter().flat_map(|cpu| ["-c", cpu, "env"]));
     command.arg(format!("{ATTACK_VARIABLE}={name}")).arg("/opt/attacker").args(["--exact", "attacker", "--ignored"]);
     command.arg("--nocapture").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap()
 }

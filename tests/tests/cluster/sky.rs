@@ -250,7 +250,7 @@ pub(super) fn now_s() -> f64 {
 
 /// Age of the oldest state of a peer in contact, ms.
 fn oldest_ms(trace: &Trace) -> f64 {
-    let in_contact = trace.peers.iter().filter(|peer| peer.standing == PeerStatus::Live);
+    let in_contact = trace.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
     in_contact.map(|peer| peer.age_s * 1e3).fold(0.0, f64::max)
 }
 
