@@ -117,13 +117,14 @@ impl Flight {
         print_line(&format!("a ring of eight, neighbours {gap_m:.0} m apart, {ring_s:.1} s later"));
     }
 
-    /// Kills the agent of vehicle 4. Returns the time until all others are in contact with it again, s.
-    pub(super) fn restart_one(&self, sky: &Sky) -> f64 {
+    /// Kills the agent of this vehicle. Returns the time until all others are in contact with it again, s.
+    pub(super) fn restart(&self, sky: &Sky, id: u8) -> f64 {
         let killed_s = now_s();
-        self.lab.host(4).processes(&["skein", "agent"]).into_iter().for_each(kill);
-        let lost = || sky.all_reported(&others(4), killed_s, "lost contact with vehicle 4");
+        self.lab.host(id).processes(&["skein", "agent"]).into_iter().for_each(kill);
+        let others = others(id);
+        let lost = || sky.all_reported(&others, killed_s, &format!("lost contact with vehicle {id}"));
         let lost_s = sky.wait_for(10, "its peers lose contact", lost);
-        let found = || sky.all_reported(&others(4), lost_s, "in contact with vehicle 4");
+        let found = || sky.all_reported(&others, lost_s, &format!("in contact with vehicle {id}"));
         sky.wait_for(30, "its peers are in contact again", found) - killed_s
     }
 
