@@ -15,6 +15,7 @@ mod flight;
 mod host;
 mod intruders;
 mod lab;
+mod ordered;
 mod page;
 mod sky;
 mod teams;
@@ -87,6 +88,7 @@ fn a_swarm_is_installed_flown_disturbed_upgraded_and_uninstalled() {
     flight.cut_one(&sky);
     flight.status_from_a_node();
     flight.unplug_the_operator(&sky);
+    flight.order_from_the_page(&sky);
     // The upgrade mostly waits for landings: another cluster test may use the computer meanwhile.
     drop(alone_until_the_upgrade);
     let sky = flight.upgrade(sky);
@@ -139,4 +141,10 @@ fn attacks_disturb_no_vehicle() {
 #[ignore = "the process of an attacker, on its own host"]
 fn attacker() {
     attacks::attack();
+}
+
+#[test]
+#[ignore = "the process of a browser, on the operator's PC"]
+fn browser() {
+    ordered::browse();
 }
