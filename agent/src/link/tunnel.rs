@@ -405,7 +405,7 @@ async fn copy_within<R: AsyncRead + Unpin, W: AsyncWrite + Unpin>(
     limit: Option<impl Limit>,
 ) -> io::Result<()> {
     let Some(mut limit) = limit else { return copy(from, to).await.map(drop) };
-    let mut bytes = [0; GUEST_BYTES_AT_ONCE];
+    let mut bytes = vec![0; GUEST_BYTES_AT_ONCE];
     loop {
         let count = from.read(&mut bytes).await?;
         let Some(wait) = limit.take(count, now()).filter(|_| count > 0) else { return Ok(()) };
