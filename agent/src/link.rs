@@ -12,11 +12,13 @@ mod inbox;
 mod outgoing;
 pub mod presence;
 mod publisher;
+mod publishing;
 mod queries;
 mod refusals;
 pub mod security;
 mod sessions;
 pub mod signature;
+pub(crate) mod simulated;
 mod strangers;
 mod traffic;
 mod trust;
@@ -29,13 +31,16 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
 use serde_json::{Value, json};
+use skein_common::frame::Origin;
 use skein_common::id::{SwarmName, VehicleId, VehicleName};
-use skein_common::message::{Drops, Event, Heartbeat, Intent, Message, Order, Reason, Refused, State, Summary, Trace};
+use skein_common::message::{Drops, Event, Heartbeat, Message, Order, Reason, Refused, State, Summary, Trace};
+use skein_common::time::LocalTime;
 use skein_common::topic::{Author, Branch, Cell, Topic, all};
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
+use zenoh::query::Queryable;
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
@@ -44,9 +49,10 @@ pub use clocks::{CLOCK_QUERY_PERIOD, Utc};
 pub use health::HealthPublisher;
 use inbox::Inbox;
 pub use outgoing::Messages;
-use outgoing::{Outgoing, Waiting};
+use outgoing::Outgoing;
 use presence::{Change, Presence, watch_tokens};
 pub use publisher::MessagePublisher;
+use publishing::{Network, Published, Publishing};
 use queries::LastHeartbeat;
 pub use security::Security;
 pub use sessions::Sessions;
@@ -235,30 +241,18 @@ impl Link {
         trust: Trust,
     ) -> Result<Self, LinkError> {
         let sessions = sessions.into();
-        let (key_ring, signing_key, presence) =
-            (trust.key_ring.clone(), trust.signing_key.clone(), sessions.presence());
-        let (origin, branch) = (trust.origin, trust.branch());
-        let receiver = Arc::new(LinkReceiver {
-            branch,
-            inbox: Inbox::new(),
-            strangers: StrangerInbox::new(origin),
-            traffic: Traffic::default(),
-            verifier: Verifier::new(own, trust),
-            clock,
-            presence,
-            key_ring,
-            signing_key,
-        });
-        let last_heartbeat = LastHeartbeat::open(&sessions, branch.key(&Topic::Mission(own)))?;
-        watch_presence(&sessions, own, &receiver)?;
+        let branch = trust.branch();
+        let receiver = LinkReceiver::new(own, trust, sessions.presence());
+        let last_heartbeat = LastHeartbeat::default();
+        let queryables = last_heartbeat.answer_queries(&sessions, branch.key(&Topic::Mission(own)))?;
+        watch_presence(&sessions, own, &receiver, clock)?;
         for session in &sessions.all {
-            let state = move |state| PeerMessage::State(ReceivedState::new(state, &origin));
-            subscribe::<State>(session, &branch.all(all::STATES), &receiver, state)?;
-            subscribe::<Heartbeat>(session, &branch.all(all::MISSIONS), &receiver, PeerMessage::Mission)?;
+            subscribe(session, &branch.all(all::STATES), &receiver, clock)?;
+            subscribe(session, &branch.all(all::MISSIONS), &receiver, clock)?;
         }
         // All that an agent takes from an operator, who is linked to the feed.
         for session in sessions.published() {
-            subscribe::<Order>(session, &branch.all(all::ORDERS), &receiver, PeerMessage::Order)?;
+            subscribe(session, &branch.all(all::ORDERS), &receiver, clock)?;
         }
         let trace = MessagePublisher::open(&sessions, &receiver, &Topic::Trace(own), Priority::DataLow)?;
         let trace_is_wanted = trace.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
@@ -266,19 +260,20 @@ impl Link {
         let summary_is_wanted = summary.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
         let mission = MessagePublisher::open(&sessions, &receiver, &Topic::Mission(own), Priority::InteractiveHigh)?;
         let event = MessagePublisher::open(&sessions, &receiver, &Topic::Event(own), Priority::DataHigh)?;
-        let mut publisher_thread = PublisherThread {
+        let mut publishing = Publishing::new(receiver.clone(), own, last_heartbeat);
+        let mut network = ZenohNetwork {
             receiver: receiver.clone(),
             sessions: sessions.clone(),
-            own,
-            state_key: None,
+            clock,
             cells: SubscribedCells::default(),
             mission,
-            last_heartbeat,
+            _queryables: queryables,
             event,
             trace,
             summary,
         };
-        let outgoing = Outgoing::start(move |waiting| publisher_thread.send(waiting)).map_err(LinkError::Thread)?;
+        let send = move |waiting: &mut _| publishing.send(waiting, &mut network);
+        let outgoing = Outgoing::start(send).map_err(LinkError::Thread)?;
         let alive = branch.key(&Topic::Alive(own));
         let token = |session: &Arc<Session>| {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
@@ -367,114 +362,132 @@ impl Link {
     }
 }
 
-/// Everything that the publisher's thread sends with.
-struct PublisherThread {
+/// Zenoh's sessions, as the publisher's thread uses them.
+struct ZenohNetwork {
     receiver: Arc<LinkReceiver>,
     sessions: Sessions,
-    own: VehicleId,
-    state_key: Option<(Cell, String)>,
+    clock: LocalClock,
     cells: SubscribedCells,
     mission: MessagePublisher<Heartbeat>,
-    last_heartbeat: LastHeartbeat,
+    /// Answer the queries of agents that start late with the last heartbeat.
+    _queryables: Vec<Queryable<()>>,
     event: MessagePublisher<Event>,
     trace: MessagePublisher<Trace>,
     summary: MessagePublisher<Summary>,
 }
 
-impl PublisherThread {
-    /// Sends all waiting messages. Zenoh may block it for a slow peer.
-    fn send(&mut self, waiting: &mut Waiting) {
-        if let Some(cells) = waiting.cells.take() {
-            self.cells.set(&cells, &self.sessions.all, &self.receiver);
-        }
-        if let Some((state, cell)) = waiting.state.take() {
-            self.send_state(&state, cell);
-        }
-        if let Some((intent, cells)) = waiting.intent.take() {
-            cells.into_iter().for_each(|cell| self.send_intent(&intent, cell));
-        }
-        if let Some(mission) = waiting.mission.take() {
-            let bytes = self.mission.write(&mission);
-            self.last_heartbeat.keep(bytes.clone());
-            self.mission.put(bytes);
-        }
-        waiting.events.drain(..).for_each(|event| self.event.publish(&event));
-        waiting.traces.drain(..).for_each(|trace| self.trace.publish(&trace));
-        if let Some(summary) = waiting.summary.take() {
-            self.summary.publish(&summary.rounded());
+impl Network for ZenohNetwork {
+    /// Zenoh may block the thread for a slow peer.
+    fn put(&mut self, what: Published, key: &str, bytes: Vec<u8>) {
+        match what {
+            Published::State => self.put_in_cell(key, bytes, Priority::RealTime, true, Reliability::BestEffort),
+            Published::Intent => {
+                self.put_in_cell(key, bytes, Priority::InteractiveHigh, false, Reliability::default());
+            }
+            Published::Heartbeat => self.mission.put(bytes),
+            Published::Event => self.event.put(bytes),
+            Published::Trace => self.trace.put(bytes),
+            Published::Summary => self.summary.put(bytes),
         }
     }
 
-    fn send_intent(&self, intent: &Intent, cell: Cell) {
-        let key = self.receiver.branch.key(&Topic::Intent(self.own, cell));
-        let bytes = self.receiver.write(&key, intent);
-        self.receiver.traffic.sent(bytes.len());
-        let bytes = ZBytes::from(bytes);
-        for session in self.sessions.published() {
-            let put = session.put(key.as_str(), bytes.clone()).congestion_control(CongestionControl::Drop);
-            let _ = put.priority(Priority::InteractiveHigh).allowed_destination(Locality::Remote).wait();
-        }
+    fn subscribe(&mut self, cells: &[Cell]) {
+        self.cells.set(cells, &self.sessions.all, &self.receiver, self.clock);
     }
+}
 
-    fn send_state(&mut self, state: &State, cell: Cell) {
-        let key = match &mut self.state_key {
-            Some((of, key)) if *of == cell => key,
-            key => &mut key.insert((cell, self.receiver.branch.key(&Topic::State(self.own, cell)))).1,
-        };
-        let bytes = self.receiver.write(key, state);
+impl ZenohNetwork {
+    /// Publishes under the key of a cell. Cells change, so no publisher is declared.
+    fn put_in_cell(&self, key: &str, bytes: Vec<u8>, priority: Priority, express: bool, reliability: Reliability) {
         self.receiver.traffic.sent(bytes.len());
         let bytes = ZBytes::from(bytes);
         for session in self.sessions.published() {
-            // As in `MessagePublisher`: it fails only on a closed session. Cells change, so no publisher is declared.
-            let _ = session
-                .put(key.as_str(), bytes.clone())
-                .congestion_control(CongestionControl::Drop)
-                .priority(Priority::RealTime)
-                .express(true)
-                .reliability(Reliability::BestEffort)
-                .allowed_destination(Locality::Remote)
-                .wait();
+            let put = session.put(key, bytes.clone()).congestion_control(CongestionControl::Drop).priority(priority);
+            // As in `MessagePublisher`: it fails only on a closed session.
+            let _ = put.express(express).reliability(reliability).allowed_destination(Locality::Remote).wait();
         }
     }
 }
 
-/// Processing of received messages on Zenoh's threads, which never waits, and the encoding of the own messages.
+/// Processing of received messages on Zenoh's threads, which never waits, and the encoding of the own messages. It reads
+/// no clock and calls no network.
 struct LinkReceiver {
+    own: VehicleId,
     /// The part of the key space that belongs to the own swarm.
     branch: Branch,
+    /// Origin of the swarm's frame.
+    origin: Origin,
     inbox: Inbox,
     strangers: StrangerInbox,
     traffic: Traffic,
     verifier: Verifier,
-    clock: LocalClock,
     presence: Arc<Presence>,
     key_ring: KeyRing,
     signing_key: Option<Arc<SigningKey>>,
 }
 
 impl LinkReceiver {
-    /// Verifies a message and stores it if its sender was allowed to publish it under this key.
-    fn receive<M: Message>(&self, sample: &Sample, message: impl Fn(M) -> PeerMessage) {
-        let (key, bytes) = (sample.key_expr().as_str(), sample.payload().to_bytes());
+    fn new(own: VehicleId, trust: Trust, presence: Arc<Presence>) -> Arc<Self> {
+        let (branch, origin) = (trust.branch(), trust.origin);
+        let (key_ring, signing_key) = (trust.key_ring.clone(), trust.signing_key.clone());
+        Arc::new(Self {
+            own,
+            branch,
+            origin,
+            inbox: Inbox::new(),
+            strangers: StrangerInbox::new(origin),
+            traffic: Traffic::default(),
+            verifier: Verifier::new(own, trust),
+            presence,
+            key_ring,
+            signing_key,
+        })
+    }
+
+    /// Verifies a message that arrived at this time, and stores it if its sender was allowed to publish it under this key.
+    /// The link subscribes to states, heartbeats and orders only.
+    fn receive(&self, key: &str, bytes: &[u8], at: LocalTime) {
+        match self.branch.own(key) {
+            Some(Topic::State(..)) => {
+                self.receive_as(key, bytes, at, |state| PeerMessage::State(ReceivedState::new(state, &self.origin)));
+            }
+            Some(Topic::Order(_)) => self.receive_as::<Order>(key, bytes, at, PeerMessage::Order),
+            _ => self.receive_as::<Heartbeat>(key, bytes, at, PeerMessage::Mission),
+        }
+    }
+
+    fn receive_as<M: Message>(&self, key: &str, bytes: &[u8], at: LocalTime, message: impl Fn(M) -> PeerMessage) {
         self.traffic.received(bytes.len());
         match self.branch.own(key).map(|topic| topic.author()) {
             // Replayed by another node, or delivered while the sender's link broke.
             Some(Author::Vehicle(id)) if !self.presence.may_send(self.branch.name(id)) => {
                 self.inbox.refuse(Reason::Old, key, &"its sender has no link");
             }
-            _ => match self.key_ring.read::<M>(key, &bytes) {
-                Ok(verified) => self.store(key, message(verified.message), verified.run),
+            _ => match self.key_ring.read::<M>(key, bytes) {
+                Ok(verified) => self.store(key, message(verified.message), verified.run, at),
                 Err(error) => self.inbox.refuse(error.reason(), key, &error),
             },
         }
     }
 
     /// Stores a message if the trust rules accept it. `run` is the run of the swarm in its signature, if it has one.
-    fn store(&self, key: &str, message: PeerMessage, run: Option<u64>) {
-        let at = self.clock.now();
+    fn store(&self, key: &str, message: PeerMessage, run: Option<u64>, at: LocalTime) {
         let refused = |reason: Reason| self.inbox.refuse(reason, key, &reason);
         if let Some(message) = self.verifier.accept(message, run, refused) {
             self.inbox.store(key, Received { message, at });
+        }
+    }
+
+    /// Takes a change of the vehicles that are up.
+    fn presence_changed(&self, change: Change, at: LocalTime) {
+        let (id, message) = match change {
+            Change::Appeared(id) => (id, PeerMessage::Appeared(id)),
+            Change::Vanished(id) => (id, PeerMessage::Vanished(id)),
+            Change::Refused(address) => return self.inbox.count(Reason::Link, &address),
+        };
+        // The own token is reported like any other.
+        if id != self.own {
+            self.store(&self.branch.key(&Topic::Alive(id)), message, None, at);
         }
     }
 
@@ -498,55 +511,58 @@ fn watch_matching(publisher: &Publisher<'static>) -> Result<Arc<AtomicBool>, Lin
 }
 
 /// Stores every message of this kind.
-fn subscribe<M: Message + 'static>(
-    session: &Session,
-    key: &str,
-    receiver: &Arc<LinkReceiver>,
-    message: impl Fn(M) -> PeerMessage + Send + Sync + 'static,
-) -> Result<(), LinkError> {
+fn subscribe(session: &Session, key: &str, receiver: &Arc<LinkReceiver>, clock: LocalClock) -> Result<(), LinkError> {
     let receiver = receiver.clone();
     session
         .declare_subscriber(key)
         .allowed_origin(Locality::Remote)
-        .callback(move |sample| receiver.receive(&sample, &message))
+        .callback(move |sample| receive(&receiver, &sample, clock))
         .background()
         .wait()
         .map_err(declaring(key))
 }
 
+/// Hands a message from Zenoh to the receiver.
+fn receive(receiver: &LinkReceiver, sample: &Sample, clock: LocalClock) {
+    receiver.receive(sample.key_expr().as_str(), &sample.payload().to_bytes(), clock.now());
+}
+
 /// Stores which peers appear and vanish, those already up included, and queries each new peer for its last heartbeat.
-fn watch_presence(sessions: &Sessions, own: VehicleId, receiver: &Arc<LinkReceiver>) -> Result<(), LinkError> {
-    // A weak reference: the receiver owns the presence that calls this.
-    let weak = Arc::downgrade(receiver);
+fn watch_presence(
+    sessions: &Sessions,
+    own: VehicleId,
+    receiver: &Arc<LinkReceiver>,
+    clock: LocalClock,
+) -> Result<(), LinkError> {
     let branch = receiver.branch;
-    let note = move |change| {
-        let Some(receiver) = weak.upgrade() else { return };
-        match change {
-            // The own token is reported like any other.
-            Change::Appeared(id) if id != own => {
-                receiver.store(&branch.key(&Topic::Alive(id)), PeerMessage::Appeared(id), None)
-            }
-            Change::Vanished(id) if id != own => {
-                receiver.store(&branch.key(&Topic::Alive(id)), PeerMessage::Vanished(id), None)
-            }
-            Change::Appeared(_) | Change::Vanished(_) => {}
-            Change::Refused(address) => receiver.inbox.count(Reason::Link, &address),
-        }
-    };
-    receiver.presence.watch(sessions, branch, note)?;
+    receiver.presence.watch(sessions, branch, notify(receiver, move || clock.now()))?;
     for session in &sessions.all {
         let (receiver, asking) = (receiver.clone(), Arc::downgrade(session));
         let ask = move |id: VehicleId, kind| {
             if let (true, SampleKind::Put, Some(session)) = (id != own, kind, asking.upgrade()) {
                 let receiver = receiver.clone();
                 queries::send_query(&session, branch.key(&Topic::Mission(id)), &[], move |sample| {
-                    receiver.receive(sample, PeerMessage::Mission)
+                    receive(&receiver, sample, clock);
                 });
             }
         };
         watch_tokens(session, branch, ask)?;
     }
     Ok(())
+}
+
+/// Passes the changes of the vehicles that are up to the receiver.
+fn notify(
+    receiver: &Arc<LinkReceiver>,
+    now: impl Fn() -> LocalTime + Send + Sync + 'static,
+) -> impl Fn(Change) + Send + Sync + 'static {
+    // A weak reference: the receiver owns the presence that calls this.
+    let weak = Arc::downgrade(receiver);
+    move |change| {
+        if let Some(receiver) = weak.upgrade() {
+            receiver.presence_changed(change, now());
+        }
+    }
 }
 
 /// Zenoh's error text without the places in its source code, such as `at .../tcp.rs:61.`.

@@ -16,6 +16,7 @@
 mod control;
 mod log;
 mod silence;
+pub mod simulated;
 mod timing;
 
 use std::io::{self, BufRead};

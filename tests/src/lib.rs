@@ -26,6 +26,7 @@ pub mod tour;
 pub mod variants;
 pub mod wind;
 pub mod wire;
+pub mod world;
 
 use std::convert::Infallible;
 use std::num::NonZeroUsize;

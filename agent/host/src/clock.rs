@@ -1,6 +1,7 @@
 //! Clocks of a running process. No other place of the workspace reads a clock; the core gets the time as an argument.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -18,7 +19,12 @@ pub struct LocalClock {
 impl LocalClock {
     /// Starts a clock at zero.
     pub fn start() -> Self {
-        Self { zero: now() }
+        Self::zero_at(now())
+    }
+
+    /// A clock that reads zero at this instant.
+    pub fn zero_at(zero: Instant) -> Self {
+        Self { zero }
     }
 
     /// Current time of this clock.
@@ -52,11 +58,29 @@ pub fn new_incarnation() -> Incarnation {
 /// Incarnation number of an agent that starts now, larger than the last one even if the clock was set back. The last
 /// number is read from `file`, and the new one is saved there. The second value describes why it could not be saved.
 pub fn next_incarnation(file: &Path) -> (Incarnation, Option<String>) {
-    let last = fs::read_to_string(file).ok().and_then(|text| text.trim().parse::<u64>().ok());
-    let Incarnation(new) = new_incarnation();
-    let new = last.map_or(new, |last| new.max(last.saturating_add(1)));
-    let fault = fs::write(file, format!("{new}\n")).err();
-    (Incarnation(new), fault.map(|fault| format!("{}: {fault}", file.display())))
+    let new = incarnation_after(fs::read_to_string(file).ok().as_deref(), new_incarnation());
+    let fault = overwrite(file, &incarnation_text(new)).err();
+    (new, fault.map(|fault| format!("{}: {fault}", file.display())))
+}
+
+/// The incarnation number of an agent that starts when a new one would have the number `new`. `kept` is the text that the
+/// last agent has kept, if it can be read: the number is larger than that one.
+pub fn incarnation_after(kept: Option<&str>, new: Incarnation) -> Incarnation {
+    let last = kept.and_then(|text| text.trim().parse::<u64>().ok());
+    last.map_or(new, |last| new.max(Incarnation(last.saturating_add(1))))
+}
+
+/// The text that an agent keeps of its incarnation number. Every number has the same length.
+pub fn incarnation_text(incarnation: Incarnation) -> String {
+    format!("{:020}\n", incarnation.0)
+}
+
+/// Writes over the content of a file. A file that has this length already needs no room on the disk: on a full disk, a file
+/// that is emptied first would remain empty, and the number in it would be lost.
+fn overwrite(file: &Path, text: &str) -> io::Result<()> {
+    let mut file = File::options().write(true).create(true).truncate(false).open(file)?;
+    file.write_all(text.as_bytes())?;
+    file.set_len(text.len() as u64)
 }
 
 /// UTC by the system's clock, ns since 1970. Other hosts' clocks differ, and nothing in flight relies on it.
@@ -144,8 +168,27 @@ mod tests {
         fs::write(&file, "half a num").unwrap();
         let now = utc_nanoseconds();
         assert!((now..ahead).contains(&next_incarnation(&file).0.0), "a damaged file is ignored");
+        fs::write(&file, "longer than any number that an agent keeps").unwrap();
+        let (kept, _) = next_incarnation(&file);
+        assert_eq!(fs::read_to_string(&file).unwrap(), incarnation_text(kept));
         let (life, fault) = next_incarnation(&folder.path().join("nowhere/life"));
         assert!(life >= Incarnation(now) && fault.is_some());
+    }
+
+    #[test]
+    fn a_full_disk_has_room_for_the_next_incarnation_in_the_file_of_the_last_one() {
+        let texts = [0, 1_800_000_000_000_000_000, u64::MAX].map(|number| incarnation_text(Incarnation(number)));
+        assert!(texts.iter().all(|text| text.len() == 21), "{texts:?}");
+        let last = Incarnation(1_800_000_000_000_000_000);
+        let next = incarnation_after(Some(&incarnation_text(last)), Incarnation(5));
+        assert_eq!(next, Incarnation(last.0 + 1), "after the clock was set back");
+        // Overwriting keeps the blocks of the file: what was there is never gone.
+        let folder = tempfile::tempdir().unwrap();
+        let (file, same) = (folder.path().join("life"), folder.path().join("same"));
+        fs::write(&file, incarnation_text(last)).unwrap();
+        fs::hard_link(&file, &same).unwrap();
+        let (new, _) = next_incarnation(&file);
+        assert_eq!(fs::read_to_string(&same).unwrap(), incarnation_text(new));
     }
 
     #[test]

@@ -104,6 +104,27 @@ impl Outgoing {
         Ok(Self { shared, ended })
     }
 
+    /// A queue without a thread: a test in virtual time takes the messages itself.
+    pub(super) fn without_thread() -> Self {
+        Self { shared: Arc::default(), ended: mpsc::channel().1 }
+    }
+
+    /// Swaps the waiting messages for the empty `sent` if they are due, in place of the thread. Returns whether they were.
+    pub(super) fn take_due(&self, sent: &mut Waiting) -> bool {
+        let mut held = self.shared.lock();
+        let is_due = held.waiting.is_due();
+        if is_due {
+            std::mem::swap(&mut held.waiting, sent);
+        }
+        is_due
+    }
+
+    /// Number of events and traces that wait.
+    pub(super) fn queued(&self) -> (usize, usize) {
+        let held = self.shared.lock();
+        (held.waiting.events.len(), held.waiting.traces.len())
+    }
+
     /// Hands over the messages of one step. Never waits for the network.
     pub(super) fn hand_over(&self, messages: Messages) {
         let is_due = {

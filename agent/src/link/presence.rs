@@ -84,17 +84,27 @@ impl Presence {
                 })
             });
         }
+        self.watch_links(branch, notify);
+        Ok(())
+    }
+
+    /// Reports every change of one swarm's vehicles by their links from now on, starting with those already up.
+    pub(super) fn watch_links(&self, branch: Branch, notify: impl Fn(Change) + Send + Sync + 'static) {
         let mut tracked = self.lock();
         let own = tracked.links.keys().filter(|name| name.team == branch.team());
         own.for_each(|name| notify(Change::Appeared(name.vehicle)));
         tracked.listeners.push(Listener { branch, notify: Box::new(notify) });
-        Ok(())
     }
 
     /// Whether a message can come from this vehicle itself. Peers do not relay, so a vehicle without a link sends
     /// nothing.
     pub fn may_send(&self, name: VehicleName) -> bool {
         !self.by_links || self.lock().links.contains_key(&name)
+    }
+
+    /// Number of vehicles with a link.
+    pub(super) fn linked(&self) -> usize {
+        self.lock().links.len()
     }
 
     /// Registers a link that lasts until the returned value is dropped. `with` is `None` for an observer or operator.

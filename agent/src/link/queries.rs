@@ -14,25 +14,25 @@ use super::{LinkError, Sessions, declaring};
 /// Longest wait for a reply. By then the peer has sent its next heartbeat anyway.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Answers queries with the last heartbeat.
-pub(super) struct LastHeartbeat {
-    last: Arc<Mutex<Vec<u8>>>,
-    _queryables: Vec<Queryable<()>>,
-}
+/// The last heartbeat, with which an agent answers the queries of agents that start late.
+#[derive(Clone, Default)]
+pub(super) struct LastHeartbeat(Arc<Mutex<Vec<u8>>>);
 
 impl LastHeartbeat {
     /// Starts to answer queries for this key; the first reply needs a [`LastHeartbeat::keep`].
-    pub(super) fn open(sessions: &Sessions, key: String) -> Result<Self, LinkError> {
-        let last = Arc::<Mutex<Vec<u8>>>::default();
-        let for_queries = last.clone();
-        let reply = move |_: &Query| Some(lock(&for_queries).clone()).filter(|bytes| !bytes.is_empty());
-        let queryables = answer_queries(sessions, key, reply)?;
-        Ok(Self { last, _queryables: queryables })
+    pub(super) fn answer_queries(&self, sessions: &Sessions, key: String) -> Result<Vec<Queryable<()>>, LinkError> {
+        let last = self.clone();
+        answer_queries(sessions, key, move |_: &Query| last.reply())
     }
 
     /// Makes these bytes the reply from now on.
     pub(super) fn keep(&self, bytes: Vec<u8>) {
-        *lock(&self.last) = bytes;
+        *lock(&self.0) = bytes;
+    }
+
+    /// The reply to a query; `None` before the first heartbeat.
+    pub(super) fn reply(&self) -> Option<Vec<u8>> {
+        Some(lock(&self.0).clone()).filter(|bytes| !bytes.is_empty())
     }
 }
 

@@ -37,7 +37,7 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 ///
 /// On secured links the observers and operators are linked to a session of their own, the feed. The sessions that a vehicle
 /// flies with have links with vehicles only.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Sessions {
     /// The sessions that are linked with the other vehicles; on plain links, with observers too.
     pub(super) all: Vec<Arc<Session>>,

@@ -7,9 +7,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use skein_common::frame::Origin;
 use skein_common::id::FleetVehicle;
 use skein_common::message::{Intent, Message, MessageOrder, Reason, State};
+use skein_common::time::LocalTime;
 use skein_common::topic::{Author, Branch, Cell, Topic, all_in};
 use skein_core::intent::ReceivedIntent;
 use skein_core::strangers::StrangerState;
+use skein_host::clock::LocalClock;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Locality, Sample};
 use zenoh::{Session, Wait};
@@ -78,23 +80,23 @@ fn lock<M>(messages: &Mutex<Vec<M>>) -> MutexGuard<'_, Vec<M>> {
 impl LinkReceiver {
     /// Takes a state or intent that was published in a subscribed cell, if its sender is of another team. The own team's
     /// states are received by their own key expression, wherever the members are.
-    fn receive_in_cell(&self, sample: &Sample) {
-        let Some((branch, topic)) = Branch::parse(sample.key_expr().as_str()) else { return };
+    fn receive_in_cell(&self, key: &str, bytes: &[u8], at: LocalTime) {
+        let Some((branch, topic)) = Branch::parse(key) else { return };
         let (Some(team), Author::Vehicle(vehicle)) = (branch.team(), topic.author()) else { return };
         if branch == self.branch {
             return;
         }
         let (id, strangers) = (FleetVehicle { team, vehicle }, &self.strangers);
         match topic {
-            Topic::State(..) => self.receive_stranger(sample, id, |State { header, state }| {
+            Topic::State(..) => self.receive_stranger(key, bytes, id, |State { header, state }| {
                 let position = strangers.origin.ned_from_geodetic(&state.position);
-                let (order, velocity, at) = (header.order(), state.velocity, self.clock.now());
+                let (order, velocity) = (header.order(), state.velocity);
                 store(&strangers.states, StrangerState { id, order, position, velocity, at })
             }),
             // An agent publishes the same intent in several cells: it counts once.
-            Topic::Intent(..) => self.receive_stranger(sample, id, |message: Intent| {
+            Topic::Intent(..) => self.receive_stranger(key, bytes, id, |message: Intent| {
                 let order = message.header.order();
-                let intent = ReceivedIntent::new(team, &message, &strangers.origin, self.clock.now());
+                let intent = ReceivedIntent::new(team, &message, &strangers.origin, at);
                 store(&strangers.intents, intent) || is_kept(&strangers.intents, id, order)
             }),
             _ => {}
@@ -102,14 +104,13 @@ impl LinkReceiver {
     }
 
     /// Verifies a message of a stranger and stores it with `store`, which is false for an old message.
-    fn receive_stranger<M: Message>(&self, sample: &Sample, id: FleetVehicle, store: impl Fn(M) -> bool) {
-        let (key, bytes) = (sample.key_expr().as_str(), sample.payload().to_bytes());
+    fn receive_stranger<M: Message>(&self, key: &str, bytes: &[u8], id: FleetVehicle, store: impl Fn(M) -> bool) {
         self.traffic.received(bytes.len());
         if !self.presence.may_send(id.into()) {
             self.inbox.refuse(Reason::Old, key, &"its sender has no link");
             return;
         }
-        let verified = match self.key_ring.read::<M>(key, &bytes) {
+        let verified = match self.key_ring.read::<M>(key, bytes) {
             Ok(verified) => verified,
             Err(error) => return self.inbox.refuse(error.reason(), key, &error),
         };
@@ -134,7 +135,13 @@ pub(super) struct SubscribedCells(BTreeMap<Cell, Vec<Subscriber<()>>>);
 impl SubscribedCells {
     /// Subscribes to these cells, and then drops the subscriptions to all others: a vehicle that flies from one cell to
     /// the next stays in sight. One key expression covers a cell.
-    pub(super) fn set(&mut self, cells: &[Cell], sessions: &[Arc<Session>], receiver: &Arc<LinkReceiver>) {
+    pub(super) fn set(
+        &mut self,
+        cells: &[Cell],
+        sessions: &[Arc<Session>],
+        receiver: &Arc<LinkReceiver>,
+        clock: LocalClock,
+    ) {
         for cell in cells {
             self.0.entry(*cell).or_insert_with(|| {
                 let key = all_in(*cell);
@@ -142,7 +149,11 @@ impl SubscribedCells {
                     let receiver = receiver.clone();
                     let subscriber = session.declare_subscriber(&key).allowed_origin(Locality::Remote);
                     // It fails only on a closed session.
-                    subscriber.callback(move |sample| receiver.receive_in_cell(&sample)).wait().ok()
+                    let receive = move |sample: Sample| {
+                        let (key, bytes) = (sample.key_expr().as_str(), sample.payload().to_bytes());
+                        receiver.receive_in_cell(key, &bytes, clock.now());
+                    };
+                    subscriber.callback(receive).wait().ok()
                 };
                 sessions.iter().filter_map(subscribe).collect()
             });

@@ -314,6 +314,30 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
 }
 
 #[test]
+fn orders_that_are_in_force_together_all_wait_in_the_inbox() {
+    let inbox = Inbox::new();
+    let order = |epoch, verb, vehicles: &[u8]| Order {
+        epoch,
+        issuer: 1,
+        verb,
+        vehicles: Some(vehicles.iter().map(|number| id(*number)).collect()).filter(|_| !vehicles.is_empty()),
+        signature: None,
+    };
+    let set = |text: &str| Verb::Set(text.parse().unwrap());
+    let [radius, wider, altitude] = [(4, "radius_m=80"), (5, "radius_m=90"), (4, "altitude_m=40")]
+        .map(|(epoch, key)| order(epoch, set(&format!("formation.{key}")), &[]));
+    let (swarm, one, both) = (order(3, Verb::Hold, &[]), order(1, Verb::Land, &[1]), order(2, Verb::Hold, &[1, 2]));
+    for order in [radius, one, swarm, altitude, wider, both, one] {
+        inbox.store("order/1", Received { message: PeerMessage::Order(order), at: LocalTime::ZERO });
+    }
+    let mut received = Vec::new();
+    inbox.drain(&mut received);
+    let orders: Vec<_> = received.iter().map(|received| received.message).collect();
+    assert_eq!(orders, [swarm, altitude, wider, both].map(PeerMessage::Order));
+    assert_eq!(inbox.drops().old, 1, "only the order that came when a later one had taken its place");
+}
+
+#[test]
 fn every_vehicle_fits_into_the_inbox_without_growing() {
     let inbox = Inbox::new();
     let at = LocalTime::ZERO;

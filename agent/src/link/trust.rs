@@ -78,6 +78,11 @@ impl Verifier {
         self.run
     }
 
+    /// Number of orders of which it is known whether the operator signed them.
+    pub(super) fn checked_orders(&self) -> usize {
+        self.orders.as_ref().map_or(0, Checker::known)
+    }
+
     /// Returns the part of a message that is accepted. `run` is the run in its signature, if it has one. Calls
     /// `refused` with the reason for each part that is not accepted.
     pub(super) fn accept(

@@ -66,11 +66,11 @@ pub(super) struct Control {
 }
 
 /// State kept from one pass of the control loop to the next.
-struct LoopState {
+pub(super) struct LoopState {
     timing: Timing,
     silence: SilenceMonitor,
     /// The inputs of this step, with room that is used again.
-    inputs: StepInputs,
+    pub(super) inputs: StepInputs,
     poses: Vec<PeerPose>,
     workspace: Workspace,
     events: u64,
@@ -82,13 +82,11 @@ struct LoopState {
     last_second: TimingSummary,
 }
 
-impl Control {
-    /// Flies until the flight has ended, and returns the link to be closed.
-    pub(super) fn run(mut self) -> Link {
-        let period = Duration::from_secs_f64(self.plant.frame_period_s());
-        let timeout = period.mul_f64(TIMEOUT_PERIODS);
-        let mut kept = LoopState {
-            timing: Timing::new(period, now()),
+impl LoopState {
+    /// The state at the start of a control loop with this frame period.
+    pub(super) fn new(period: Duration, now: Instant) -> Self {
+        Self {
+            timing: Timing::new(period, now),
             silence: SilenceMonitor::new(),
             inputs: StepInputs::default(),
             poses: Vec::new(),
@@ -98,7 +96,24 @@ impl Control {
             summaries: 0,
             next_summary: LocalTime::ZERO,
             last_second: TimingSummary::default(),
-        };
+        }
+    }
+}
+
+/// The frame that woke the control thread, if one did.
+pub(super) fn frame_of(wake: &Wake) -> Option<&Frame> {
+    match wake {
+        Wake::Frame(frame) => Some(frame),
+        Wake::Deadline => None,
+    }
+}
+
+impl Control {
+    /// Flies until the flight has ended, and returns the link to be closed.
+    pub(super) fn run(mut self) -> Link {
+        let period = Duration::from_secs_f64(self.plant.frame_period_s());
+        let timeout = period.mul_f64(TIMEOUT_PERIODS);
+        let mut kept = LoopState::new(period, now());
         let mut deadline = now() + timeout;
         loop {
             let wake = self.plant.wait(deadline.saturating_duration_since(now()));
@@ -122,12 +137,19 @@ impl Control {
 
     /// One pass of the control loop.
     fn run_once(&mut self, wake: &Wake, woken: Instant, kept: &mut LoopState) {
-        let frame = match wake {
-            Wake::Frame(frame) => Some(frame),
-            Wake::Deadline => None,
-        };
-        let true_time = self.clock.at(woken);
-        self.take_inputs(true_time, frame, kept);
+        let frame = frame_of(wake);
+        self.take_inputs(frame, woken, kept);
+        let outputs = self.step(kept);
+        if let Some(health) = self.report(frame, outputs, (woken, now()), kept) {
+            // If the publishing thread still has the previous one, this one is dropped.
+            let _ = self.health.try_send(health);
+            // The service manager watches this thread alone: an agent whose messages do not leave flies on.
+            unix::notify_service_manager("WATCHDOG=1");
+        }
+    }
+
+    /// Steps the agent with its inputs and writes its command.
+    pub(super) fn step(&mut self, kept: &mut LoopState) -> Outputs {
         if let Some(recorder) = &mut self.recorder {
             recorder.inputs(&kept.inputs);
         }
@@ -135,7 +157,19 @@ impl Control {
         if let Some(command) = outputs.command {
             self.plant.command(command);
         }
-        let done = now();
+        outputs
+    }
+
+    /// Everything after the command: records the step and hands over its messages. `done` is when the command was
+    /// written. Returns a health message once a second.
+    pub(super) fn report(
+        &mut self,
+        frame: Option<&Frame>,
+        outputs: Outputs,
+        (woken, done): (Instant, Instant),
+        kept: &mut LoopState,
+    ) -> Option<Health> {
+        let true_time = self.clock.at(woken);
         if let Some(recorder) = &mut self.recorder {
             recorder.outputs(true_time, &outputs);
         }
@@ -155,20 +189,14 @@ impl Control {
         let local_time = self.station.clocks().local_time(true_time);
         let summary = self.summary(true_time, frame, kept);
         self.send(local_time, outbox, (trace, summary), kept);
-        if let Some(timing) = kept.timing.summary(done) {
-            kept.last_second = timing;
-            kept.healths += 1;
-            let health = self.health(local_time, true_time.seconds(), kept);
-            // If the publishing thread still has the previous one, this one is dropped.
-            let _ = self.health.try_send(health);
-            // The service manager watches this thread alone: an agent whose messages do not leave flies on.
-            unix::notify_service_manager("WATCHDOG=1");
-        }
+        kept.last_second = kept.timing.summary(done)?;
+        kept.healths += 1;
+        Some(self.health(local_time, true_time.seconds(), kept))
     }
 
     /// Collects what enters the station in this step: the frame, and what the link and the law received.
-    fn take_inputs(&mut self, true_time: LocalTime, frame: Option<&Frame>, kept: &mut LoopState) {
-        let inputs = &mut kept.inputs;
+    pub(super) fn take_inputs(&mut self, frame: Option<&Frame>, woken: Instant, kept: &mut LoopState) {
+        let (true_time, inputs) = (self.clock.at(woken), &mut kept.inputs);
         inputs.right = true_time;
         self.link.drain(&mut inputs.received);
         inputs.did_not_run_s = kept.silence.watch(true_time, &mut inputs.received);

@@ -8,6 +8,7 @@
 //! | `install` | installing a node's files, switching between versions, removing them |
 //! | `service` | starting and ending an agent |
 //! | `systemd`, `supervisor` | the services that restart an agent |
+//! | [`supervision`] | when a supervisor starts, kills and restarts its agent |
 //! | `privileges` | what an agent started by root gives up |
 //! | `logs` | the agent's log |
 //! | `probe` | the host's addresses, and which peers it can reach |
@@ -21,6 +22,7 @@ mod privileges;
 pub(crate) mod probe;
 mod process;
 mod service;
+pub mod supervision;
 mod supervisor;
 mod systemd;
 mod watchdog;

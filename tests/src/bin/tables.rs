@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use skein_tests::{
     central, central_summary, conversion, divergence, faults, fit, fleets, formation_error, golden, halves, laws,
-    missions, tour, variants, wind, wire,
+    missions, tour, variants, wind, wire, world,
 };
 
 /// Flies many swarms in virtual time and prints their figures
@@ -67,6 +67,15 @@ enum Table {
     /// The shipped hover over X-Plane's protocol in virtual time, at 15 to 100 frames a second, with irregular frames and
     /// lost datagrams
     Wire,
+    /// Real nodes in a simulated world of faults and one liar; below, every seed that broke an invariant
+    World {
+        /// The first seed
+        #[arg(long, default_value_t = 0)]
+        first: u64,
+        /// Print what happened in every flight
+        #[arg(long)]
+        log: bool,
+    },
 }
 
 fn main() -> ExitCode {
@@ -104,6 +113,7 @@ fn main() -> ExitCode {
             Table::Variants => variants::markdown(&variants::VARIANTS, seeds),
             Table::Wind => wind::table(seeds),
             Table::WindHover => wind::hovers(seeds),
+            Table::World { first, log } => world::table(first..first + seeds, log),
         }
     );
     ExitCode::SUCCESS

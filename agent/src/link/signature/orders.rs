@@ -71,6 +71,11 @@ impl Checker {
         Self { key, swarm, branch, known: Mutex::new(Vec::with_capacity(KEPT)) }
     }
 
+    /// Number of orders whose result is remembered.
+    pub fn known(&self) -> usize {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner).len()
+    }
+
     /// Whether the operator gave this order in this run.
     pub fn is_signed(&self, run: u64, order: &Order) -> bool {
         // No holder can panic, so poisoning is ignored.

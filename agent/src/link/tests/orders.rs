@@ -128,7 +128,12 @@ fn an_agent_without_a_run_refuses_peers_with_a_run_and_signed_orders() {
     let by_hand = link(hub, 1, trust_in(&swarm, operator.key(), 0));
     let session = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     for sender in 2..9 {
-        by_hand.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(RUN));
+        by_hand.receiver.store(
+            "vehicle/2/mission",
+            PeerMessage::Mission(mission(sender, 1)),
+            Some(RUN),
+            LocalTime::ZERO,
+        );
     }
     assert_eq!((by_hand.receiver.verifier.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
     let bad = [
@@ -151,7 +156,7 @@ fn an_agent_with_a_run_refuses_messages_of_another_run() {
     let (swarm, hub, _) = hub("numbered");
     let agent = link(hub, 1, trust_in(&swarm, signing_key().key(), RUN));
     for sender in 2..9 {
-        agent.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(5));
+        agent.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(5), LocalTime::ZERO);
     }
     assert_eq!(agent.receiver.verifier.run(), RUN);
     let mut received = Vec::new();
@@ -166,7 +171,7 @@ fn an_agent_with_a_run_refuses_messages_of_another_run() {
 fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
     let (swarm, hub, _) = hub("strangers");
     let agent = link(hub, 1, Trust { vehicles: 4, ..trust(&swarm) });
-    let store = |key: &str, message| agent.receiver.store(key, message, None);
+    let store = |key: &str, message| agent.receiver.store(key, message, None, LocalTime::ZERO);
     store("vehicle/9/cell/0/0/state", received_state(state(9, 1)));
     store("vehicle/5/alive", PeerMessage::Appeared(id(5)));
     store("vehicle/1/cell/0/0/state", received_state(state(1, 1)));

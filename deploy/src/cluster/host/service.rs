@@ -16,6 +16,7 @@ use super::node::{AgentProcess, Moment, NodeFolder, Settings, Started, install_n
 use super::place::{PROGRAM, Place};
 use super::privileges;
 use super::process::Process;
+use super::supervision::note_agent;
 use super::systemd::Systemd;
 use crate::cluster::protocol::Service;
 use crate::inventory::ServiceKind;
@@ -190,10 +191,8 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
         files::remove(&path).map_err(at(&path))?;
     }
     let agent = AgentProcess { process: Process::own(), restarts: restarts.unwrap_or(0) };
-    if let Err(error) = node.set_agent(&agent) {
-        // A full disk does not keep a vehicle on the ground.
+    if let Some(error) = note_agent(|| node.set_agent(&agent), || node.overwrite_agent(&agent))? {
         eprintln!("{error}; the agent starts, and its process is noted over that of the agent before");
-        node.overwrite_agent(&agent)?;
     }
     let program = std::env::current_exe().map_err(|error| error.to_string())?;
     let mut command = Command::new(&program);

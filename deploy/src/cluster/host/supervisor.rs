@@ -15,18 +15,10 @@ use super::logs::{self, Log};
 use super::node::NodeFolder;
 use super::place::PROGRAM;
 use super::process::Process;
-use super::watchdog::Watchdog;
+use super::supervision::{Ending, POLL_PERIOD, Supervised, Supervision};
 use crate::os::{self, Interrupts, Notifications};
 use skein_host::clock;
 
-/// The first pause before an agent is restarted; each further pause is twice as long.
-const FIRST_PAUSE: Duration = Duration::from_millis(500);
-/// The longest pause before an agent is restarted.
-const LONGEST_PAUSE: Duration = Duration::from_secs(10);
-/// An agent that has run for this long did not fail at its start: pauses begin with the shortest again.
-const STABLE: Duration = Duration::from_secs(60);
-/// Interval at which the agent is checked.
-const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// Time limit for the supervisor's lock: a process that only checks for a supervisor holds it for an instant.
 const LOCK_WITHIN: Duration = Duration::from_secs(2);
 /// Time limit for reading the agent's last output.
@@ -41,15 +33,27 @@ pub(super) fn supervise(node: &NodeFolder) -> Result<(), String> {
     let another = || format!("node {} already has a supervisor", node.id);
     let mut lock = Lock::take(&path, LOCK_WITHIN)?.ok_or_else(another)?;
     lock.set_text(&skein_lab::terminal::json(&Process::own())).map_err(at(&path))?;
-    Supervisor { node, interrupts, passed_on: 0, log: Arc::new(Mutex::new(Log::new(&node.log()))) }.run();
+    let agent = node.agent().map(|agent| Agent::Found(agent.process));
+    let log = Arc::new(Mutex::new(Log::new(&node.log())));
+    let mut supervised = NodeAgent { node, interrupts, agent, reports: None, log };
+    let mut supervision = match &supervised.agent {
+        Some(_) => Supervision::taking_over(&mut supervised, clock::now()),
+        None => Supervision::new(),
+    };
+    while !supervision.poll(&mut supervised, clock::now()) {
+        clock::sleep(POLL_PERIOD);
+    }
     Ok(())
 }
 
-struct Supervisor<'a> {
+/// The agent of a node, with what its supervisor needs.
+struct NodeAgent<'a> {
     node: &'a NodeFolder,
     interrupts: Interrupts,
-    /// Number of requests to end that were passed on to the agent.
-    passed_on: u32,
+    /// The agent that was started or found last.
+    agent: Option<Agent>,
+    /// The socket for the agent's reports.
+    reports: Option<Notifications>,
     log: Arc<Mutex<Log>>,
 }
 
@@ -80,50 +84,62 @@ impl Agent {
     /// `mark` exists if it has ended successfully.
     fn ended(&mut self, mark: &Path) -> Option<Option<ExitStatus>> {
         match self {
-            Self::Own(child, _) => child.try_wait().ok()?.map(Some),
+            Self::Own(child, is_done) => {
+                let status = child.try_wait().ok()??;
+                // A child process of the agent may still hold the pipe.
+                let _ = is_done.recv_timeout(LAST_LINES);
+                Some(Some(status))
+            }
             Self::Found(process) if process.is_running() => None,
             Self::Found(_) => Some(mark.exists().then(ExitStatus::default)),
         }
     }
 }
 
-impl Supervisor<'_> {
-    fn run(mut self) {
-        let mut pause = Duration::ZERO;
-        let mut found = self.node.agent().map(|agent| Agent::Found(agent.process));
-        if found.is_some() {
-            self.note("takes over the running agent");
-        }
-        loop {
-            let begun = clock::now();
-            // Before the agent starts, because its reports need the socket.
-            let dog = Watchdog::listen(&self.node.notify_path(), begun);
-            if let Err(error) = &dog {
-                self.note(&format!(
-                    "an agent that hangs is not noticed: {}: {error}",
-                    self.node.notify_path().display()
-                ));
-            }
-            let ended = match found.take().map_or_else(|| self.start(), Ok) {
-                Ok(agent) => self.watch(agent, dog.ok()),
-                Err(error) => {
-                    self.note(&format!("the agent cannot be started: {error}"));
-                    None
-                }
-            };
-            if ended.is_some_and(|status| status.success()) || self.interrupts.count() > 0 {
-                return self.note("ending");
-            }
-            pause = next_pause(pause, clock::now().duration_since(begun));
-            self.note(&format!("restarting the agent in {} s", pause.as_secs_f64()));
-            if super::service::wait(pause, || self.interrupts.count() > 0) {
-                return self.note("ending");
-            }
-        }
+impl Supervised for NodeAgent<'_> {
+    fn listen(&mut self) -> Result<(), String> {
+        let path = self.node.notify_path();
+        self.reports = None;
+        self.reports = Some(Notifications::listen(&path).map_err(at(&path))?);
+        Ok(())
     }
 
-    /// Starts the agent. Its output comes through a pipe, because a file of its own would grow without limit.
-    fn start(&self) -> io::Result<Agent> {
+    /// Its output comes through a pipe, because a file of its own would grow without limit.
+    fn start(&mut self) -> Result<(), String> {
+        self.agent = None;
+        self.agent = Some(self.spawn().map_err(|error| error.to_string())?);
+        Ok(())
+    }
+
+    fn ended(&mut self) -> Option<Ending> {
+        let status = self.agent.as_mut()?.ended(&self.node.ended_path())?;
+        let how = status.map_or("has disappeared".to_owned(), os::how_it_ended).replace("killed", "was killed");
+        Some(Ending { is_success: status.is_some_and(|status| status.success()), how })
+    }
+
+    fn has_reported(&mut self) -> bool {
+        self.reports.as_ref().is_some_and(Notifications::take)
+    }
+
+    fn kill(&mut self) {
+        self.agent.iter().for_each(Agent::kill);
+    }
+
+    fn ask_to_end(&mut self) {
+        self.agent.iter().for_each(Agent::ask_to_end);
+    }
+
+    fn requests(&self) -> u32 {
+        self.interrupts.count()
+    }
+
+    fn note(&mut self, what: &str) {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner).note(what);
+    }
+}
+
+impl NodeAgent<'_> {
+    fn spawn(&self) -> io::Result<Agent> {
         let (output, input) = io::pipe()?;
         let mut command = Command::new(self.node.active().join(PROGRAM));
         command.args(["node", "--fly"]).arg(self.node.id.to_string()).stdin(Stdio::null());
@@ -138,60 +154,5 @@ impl Supervisor<'_> {
             done.send(())
         });
         Ok(Agent::Own(child, is_done))
-    }
-
-    /// Waits until the agent has ended, passes on requests to end, and kills an agent that hangs.
-    fn watch(&mut self, mut agent: Agent, mut dog: Option<Watchdog<Notifications>>) -> Option<ExitStatus> {
-        let mark = self.node.ended_path();
-        let status = loop {
-            let asked = self.interrupts.count();
-            for _ in self.passed_on..asked {
-                agent.ask_to_end();
-            }
-            self.passed_on = asked;
-            if let Some(status) = agent.ended(&mark) {
-                break status;
-            }
-            if let Some(silent) = dog.as_mut().and_then(|dog| dog.silent_for(clock::now())) {
-                self.note(&format!("the agent hangs: silent for {:.0} s; it is killed", silent.as_secs_f64()));
-                agent.kill();
-                dog = None;
-            }
-            clock::sleep(POLL_PERIOD);
-        };
-        if let Agent::Own(_, is_done) = agent {
-            // A child process of the agent may still hold the pipe.
-            let _ = is_done.recv_timeout(LAST_LINES);
-        }
-        let how = status.map_or("has disappeared".to_owned(), os::how_it_ended);
-        self.note(&format!("the agent {}", how.replace("killed", "was killed")));
-        status
-    }
-
-    fn note(&self, what: &str) {
-        self.log.lock().unwrap_or_else(PoisonError::into_inner).note(what);
-    }
-}
-
-/// Returns the pause before the next restart, from the last pause and the time that the agent has run.
-fn next_pause(last: Duration, flown: Duration) -> Duration {
-    if flown > STABLE { FIRST_PAUSE } else { (2 * last).clamp(FIRST_PAUSE, LONGEST_PAUSE) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pauses_grow_while_agents_fail_soon_after_their_start() {
-        let young = Duration::from_secs(1);
-        let mut pause = Duration::ZERO;
-        let mut pauses_s = Vec::new();
-        for _ in 0..7 {
-            pause = next_pause(pause, young);
-            pauses_s.push(pause.as_secs_f64());
-        }
-        assert_eq!(pauses_s, [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0]);
-        assert_eq!(next_pause(pause, Duration::from_secs(61)), FIRST_PAUSE);
     }
 }

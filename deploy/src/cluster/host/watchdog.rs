@@ -1,11 +1,7 @@
 //! Detects an agent that hangs: it runs, and its control thread does nothing. The agent reports to the supervisor once a
 //! second, in the way of systemd's services, so that both supervise it by the same reports.
 
-use std::io;
-use std::path::Path;
 use std::time::{Duration, Instant};
-
-use crate::os::Notifications;
 
 /// An agent that has reported, and then does not for this long, hangs. The unit of systemd has the same.
 const SILENT: Duration = Duration::from_secs(10);
@@ -16,8 +12,7 @@ const OWN_PAUSE: Duration = Duration::from_secs(2);
 
 /// Watches one agent.
 #[derive(Debug)]
-pub(super) struct Watchdog<R> {
-    reports: R,
+pub(super) struct Watchdog {
     /// Time of the newest report, or of the begin.
     since: Instant,
     has_reported: bool,
@@ -25,38 +20,17 @@ pub(super) struct Watchdog<R> {
     looked: Instant,
 }
 
-/// The reports of an agent.
-pub(super) trait Reports {
-    /// Whether one has arrived since the last call.
-    fn take(&self) -> bool;
-}
-
-impl Reports for Notifications {
-    fn take(&self) -> bool {
-        Self::take(self)
-    }
-}
-
-impl Watchdog<Notifications> {
-    /// Watches the agent whose reports arrive at this path.
-    ///
-    /// # Errors
-    /// If the socket cannot be opened.
-    pub(super) fn listen(path: &Path, now: Instant) -> io::Result<Self> {
-        Notifications::listen(path).map(|reports| Self::new(reports, now))
-    }
-}
-
-impl<R: Reports> Watchdog<R> {
-    fn new(reports: R, now: Instant) -> Self {
-        Self { reports, since: now, has_reported: false, looked: now }
+impl Watchdog {
+    /// Watches an agent from now on.
+    pub(super) fn new(now: Instant) -> Self {
+        Self { since: now, has_reported: false, looked: now }
     }
 
-    /// Whether the agent hangs, and for how long it was silent.
-    pub(super) fn silent_for(&mut self, now: Instant) -> Option<Duration> {
+    /// Whether the agent hangs, and for how long it was silent. `reports` is whether it has reported since the last call.
+    pub(super) fn silent_for(&mut self, now: Instant, reports: bool) -> Option<Duration> {
         let own_pause = now.duration_since(self.looked);
         self.looked = now;
-        if self.reports.take() {
+        if reports {
             (self.since, self.has_reported) = (now, true);
         } else if own_pause > OWN_PAUSE {
             self.since = now;
@@ -69,24 +43,15 @@ impl<R: Reports> Watchdog<R> {
 
 #[cfg(test)]
 mod tests {
-    use std::cell::Cell;
-
     use super::*;
     use skein_host::clock;
 
-    impl Reports for Cell<bool> {
-        fn take(&self) -> bool {
-            Self::take(self)
-        }
-    }
-
     /// Looks ten times a second for so long; returns how long the agent was silent when it hung.
-    fn watch(dog: &mut Watchdog<Cell<bool>>, now: &mut Instant, seconds: u64, reports: bool) -> Option<Duration> {
+    fn watch(dog: &mut Watchdog, now: &mut Instant, seconds: u64, reports: bool) -> Option<Duration> {
         let until = *now + Duration::from_secs(seconds);
         while *now < until {
             *now += Duration::from_millis(100);
-            dog.reports.set(reports);
-            if let Some(silent) = dog.silent_for(*now) {
+            if let Some(silent) = dog.silent_for(*now, reports) {
                 return Some(silent);
             }
         }
@@ -96,7 +61,7 @@ mod tests {
     #[test]
     fn an_agent_that_stops_reporting_hangs() {
         let mut now = clock::now();
-        let mut dog = Watchdog::new(Cell::new(false), now);
+        let mut dog = Watchdog::new(now);
         assert_eq!(watch(&mut dog, &mut now, 59, false), None, "it starts");
         assert_eq!(watch(&mut dog, &mut now, 300, true), None);
         let silent = watch(&mut dog, &mut now, 60, false).unwrap();
@@ -106,7 +71,7 @@ mod tests {
     #[test]
     fn an_agent_that_never_reports_hangs() {
         let mut now = clock::now();
-        let mut dog = Watchdog::new(Cell::new(false), now);
+        let mut dog = Watchdog::new(now);
         assert!(watch(&mut dog, &mut now, 70, false).unwrap() > START);
     }
 
@@ -115,7 +80,7 @@ mod tests {
         // Whatever the agent was doing: flying, starting, or silent for almost too long already.
         for (starts, silent_s) in [(false, 0), (false, 9), (true, 59)] {
             let mut now = clock::now();
-            let mut dog = Watchdog::new(Cell::new(false), now);
+            let mut dog = Watchdog::new(now);
             assert_eq!(watch(&mut dog, &mut now, 30, !starts), None);
             assert_eq!(watch(&mut dog, &mut now, if starts { silent_s - 30 } else { silent_s }, false), None);
             now += Duration::from_secs(600);
@@ -129,7 +94,7 @@ mod tests {
     #[test]
     fn a_supervisor_that_was_stopped_itself_gives_the_agent_its_time_again() {
         let mut now = clock::now();
-        let mut dog = Watchdog::new(Cell::new(false), now);
+        let mut dog = Watchdog::new(now);
         assert_eq!(watch(&mut dog, &mut now, 5, true), None);
         now += Duration::from_secs(3600);
         assert_eq!(watch(&mut dog, &mut now, 9, false), None);

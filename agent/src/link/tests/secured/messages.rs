@@ -159,7 +159,7 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
         for sender in [1, 3] {
             let receiver = late.receiver.clone();
             queries::send_query(late.sessions.first(), Topic::Mission(id(sender)).key(), &[], move |sample| {
-                receiver.receive(sample, PeerMessage::Mission)
+                receive(&receiver, sample, LocalClock::start());
             });
         }
     };
