@@ -249,6 +249,9 @@ impl Link {
         for session in &sessions.all {
             subscribe(session, &branch.all(all::STATES), &receiver, clock)?;
             subscribe(session, &branch.all(all::MISSIONS), &receiver, clock)?;
+        }
+        // All that an agent takes from an operator, who is linked to the feed.
+        for session in sessions.published() {
             subscribe(session, &branch.all(all::ORDERS), &receiver, clock)?;
         }
         let trace = MessagePublisher::open(&sessions, &receiver, &Topic::Trace(own), Priority::DataLow)?;
@@ -276,7 +279,7 @@ impl Link {
             session.liveliness().declare_token(alive.clone()).wait().map_err(declaring(&alive))
         };
         // The token comes last: an agent whose token is visible must already be able to receive.
-        let alive = sessions.all.iter().map(token).collect::<Result<_, _>>()?;
+        let alive = sessions.published().map(token).collect::<Result<_, _>>()?;
         Ok(Self { receiver, outgoing, trace_is_wanted, summary_is_wanted, _alive: alive, own, sessions })
     }
 
@@ -398,7 +401,7 @@ impl ZenohNetwork {
     fn put_in_cell(&self, key: &str, bytes: Vec<u8>, priority: Priority, express: bool, reliability: Reliability) {
         self.receiver.traffic.sent(bytes.len());
         let bytes = ZBytes::from(bytes);
-        for session in &self.sessions.all {
+        for session in self.sessions.published() {
             let put = session.put(key, bytes.clone()).congestion_control(CongestionControl::Drop).priority(priority);
             // As in `MessagePublisher`: it fails only on a closed session.
             let _ = put.express(express).reliability(reliability).allowed_destination(Locality::Remote).wait();

@@ -1,8 +1,10 @@
 """A ground station that watches a swarm over MAVLink, with independent implementations: pymavlink or MAVSDK.
 
-ground_station.py pymavlink|mavsdk PORT VEHICLES SECONDS LANDED
+ground_station.py pymavlink|mavsdk PORT VEHICLES SECONDS LANDED [KEY]
 Watches this number of vehicles at this UDP port for some seconds once all fly in formation, then lands one of them, and prints what
-it has received as one JSON object. What a vehicle does not send within two minutes ends it with an error.
+it has received as one JSON object. With the file of a key pymavlink signs its messages and believes signed ones only; it then also
+holds vehicle 1, lets it fly on, and sends it to land as its mission does. What a vehicle does not send within two minutes ends it with
+an error.
 """
 
 import json
@@ -12,6 +14,7 @@ import time
 
 os.environ["MAVLINK20"] = "1"
 KIND, PORT, VEHICLES, SECONDS, LANDED = sys.argv[1], *map(int, sys.argv[2:6])
+KEY = open(sys.argv[6], "rb").read() if len(sys.argv) > 6 else None
 TIMEOUT_S = 120.0
 
 
@@ -30,6 +33,9 @@ def pymavlink():
 
     station = mavutil.mavlink_connection(f"udpin:127.0.0.1:{PORT}", source_system=255, source_component=190, dialect="common")
     mavlink = mavutil.mavlink
+    unsigned = []
+    if KEY:
+        station.setup_signing(KEY, sign_outgoing=True, allow_unsigned_callback=lambda *of: unsigned.append(of) and False)
     modes, states, seen, texts = {}, {}, [], []
     counts, next_numbers, lost = {}, {}, {}
 
@@ -85,15 +91,31 @@ def pymavlink():
     parameter = until("parameter", lambda: answer("PARAM_VALUE", lambda one: one.get_srcSystem() == LANDED))
     station.mav.mission_request_list_send(LANDED, 1, mavlink.MAV_MISSION_TYPE_FENCE)
     mission = until("mission", lambda: answer("MISSION_COUNT", lambda one: one.get_srcSystem() == LANDED))
-    station.mav.command_long_send(LANDED, 1, mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, 0, 0, 0, 0, 0)
-    results = []
 
-    def acknowledged():
-        message = answer("COMMAND_ACK", lambda one: one.get_srcSystem() == LANDED and one.command == mavlink.MAV_CMD_NAV_LAND)
-        results.extend([message.result] if message else [])
-        return message and message.result != mavlink.MAV_RESULT_IN_PROGRESS
+    def command(system, number):
+        """Sends a command; returns its results, the last of which is final."""
+        station.mav.command_long_send(system, 1, number, 0, 0, 0, 0, 0, 0, 0, 0)
+        results = []
 
-    until("acknowledgement", acknowledged)
+        def acknowledged():
+            message = answer("COMMAND_ACK", lambda one: one.get_srcSystem() == system and one.command == number)
+            results.extend([message.result] if message else [])
+            return message and message.result != mavlink.MAV_RESULT_IN_PROGRESS
+
+        until("acknowledgement", acknowledged)
+        return results
+
+    commanded = []
+    if KEY:
+        for number, mode in [
+            (mavlink.MAV_CMD_NAV_LOITER_UNLIM, "LOITER"),
+            (mavlink.MAV_CMD_NAV_TAKEOFF, "MISSION"),
+            # The step of the mission that lands.
+            (mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, "LAND"),
+        ]:
+            commanded.append([command(1, number)[-1], mode])
+            until(f"mode {mode}", lambda: receive() and modes[1][0] == mode)
+    results = command(LANDED, mavlink.MAV_CMD_NAV_LAND)
     if results[-1] == mavlink.MAV_RESULT_ACCEPTED:
         until("landing", lambda: receive() and modes[LANDED][0] == "LAND")
         until("ground", lambda: receive() and states[LANDED] == mavlink.MAV_LANDED_STATE_ON_GROUND)
@@ -107,6 +129,8 @@ def pymavlink():
         "parameter": [parameter.param_id, parameter.param_value, parameter.param_count],
         "mission": [mission.count, mission.mission_type],
         "results": results,
+        "commanded": commanded,
+        "unsigned": len(unsigned),
         "texts": texts,
         "modes": {str(system): mode for system, (mode, _) in modes.items()},
     }

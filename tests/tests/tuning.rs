@@ -1,9 +1,11 @@
 //! Keys that are changed in flight, in virtual time: over a network that loses messages, with a vehicle that joins later.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
+use std::collections::BTreeMap;
+
 use skein_common::id::VehicleId;
 use skein_common::message::{EventKind, Verb};
-use skein_common::scenario::{Source, load};
+use skein_common::scenario::{Source, TunableKey, load};
 use skein_lab::metrics::COLLISION_M;
 use skein_lab::world::World;
 use skein_tests::{airborne_pairs, of_scenario};
@@ -80,6 +82,49 @@ fn a_key_set_in_flight_reaches_all_vehicles_over_a_bad_network_and_moves_the_rin
             assert_eq!(known, ["formation.radius_m=80", "formation.altitude_m=40"], "seed {seed}: vehicle {id}");
         }
     }
+}
+
+/// Eight vehicles over a network that loses a fifth of all messages, and delays each by up to 80 ms.
+#[test]
+fn a_setting_begins_at_all_vehicles_within_the_delay_of_a_message_and_at_none_before_all_know_it() {
+    let key = TunableKey::find("formation.radius_m").unwrap();
+    let mut spreads_s = Vec::new();
+    for seed in 0..8 {
+        let text = format!(
+            "name = \"begin\"\nseed = {seed}\nswarm.vehicles = 8\n[formation]\nradius_m = 60\n[network]\nloss = 0.2\n\
+             delay_s = 0.04\njitter_s = 0.04\n[mission]\n\
+             events = [{{ at_s = {SET_S}, order = \"set\", key = \"formation.radius_m\", value = 80 }}]"
+        );
+        let study = of_scenario(load(&Source { name: "begin", text: &text }, &[]).unwrap().scenario);
+        let mut world = World::new(&study.scenario, &study.aircraft, &study.rules).unwrap();
+        let (mut begun_s, mut known_s): (BTreeMap<VehicleId, f64>, BTreeMap<VehicleId, f64>) = Default::default();
+        while begun_s.len() < 8 {
+            world.tick();
+            assert!(world.t_s() < SET_S + 10.0, "seed {seed}: begun {begun_s:?}, known {known_s:?}");
+            for (id, agent, ..) in world.vehicles() {
+                if !agent.orders().settings().is_empty() {
+                    known_s.entry(id).or_insert(world.t_s());
+                }
+                if agent.set_value(key).is_some() {
+                    begun_s.entry(id).or_insert(world.t_s());
+                }
+            }
+        }
+        let range = |all: &BTreeMap<VehicleId, f64>| {
+            all.values().fold((f64::INFINITY, 0.0_f64), |(first, last), at_s| (first.min(*at_s), last.max(*at_s)))
+        };
+        let ((first_s, last_s), (first_known_s, last_known_s)) = (range(&begun_s), range(&known_s));
+        println!(
+            "seed {seed}: known from {:.2} to {:.2} s after the order, begun from {:.2} to {:.2} s",
+            first_known_s - SET_S,
+            last_known_s - SET_S,
+            first_s - SET_S,
+            last_s - SET_S
+        );
+        assert!(first_s >= last_known_s, "seed {seed}: one began before all knew it");
+        spreads_s.push(last_s - first_s);
+    }
+    assert!(spreads_s.iter().all(|spread_s| *spread_s < 0.15), "{spreads_s:?}");
 }
 
 #[test]

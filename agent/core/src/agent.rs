@@ -22,8 +22,8 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Drops, EventKind, Failure, SimulatorFault, StandingOrders, Standstill};
-use skein_common::scenario::Scenario;
+use skein_common::message::{Drops, EventKind, Failure, Order, SimulatorFault, StandingOrders, Standstill};
+use skein_common::scenario::{Scenario, TunableKey};
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{Now, PlantTime};
 
@@ -339,6 +339,11 @@ impl Agent {
         self.mission.orders()
     }
 
+    /// The present value of a key that an operator has set in flight, in the key's unit; `None` before a setting of it has begun.
+    pub fn set_value(&self, key: TunableKey) -> Option<f64> {
+        self.tuning.value(key)
+    }
+
     /// Messages and measurements dropped so far. The caller adds those dropped outside the core.
     pub fn drops(&self) -> Drops {
         Drops {
@@ -456,7 +461,8 @@ impl Agent {
 
     /// Changes the formation by what an operator has set in flight.
     fn tune(&mut self, own: &OwnEstimate, events: &mut Vec<EventKind>) {
-        if let Some(scenario) = self.tuning.step(own.dt_s, self.mission.orders(), events) {
+        let all_know = |setting: &Order| self.peers.all_know(setting);
+        if let Some(scenario) = self.tuning.step(own.dt_s, self.mission.orders(), all_know, events) {
             self.formation.change(&scenario);
         }
     }

@@ -18,6 +18,7 @@
 //! | [`Dwelt`] | arrival in place | `dwell_s` of the step | plant time | the vehicle has completed the step |
 //! | [`TouchedDown`] | rest near the ground | 1 s | plant time | the rotor is unloaded |
 //! | [`Unloaded`] | touchdown | 2 s | plant time | the vehicle has landed |
+//! | [`SettingBegins`] | setting received | 2 s | plant time | it takes effect although a member has not repeated it |
 //! | [`HeartbeatDue`] | last heartbeat | 0.2 s | local clock | the next heartbeat is sent |
 //! | [`StateDue`] | last state sent | `network.state_max_period_s` | local clock | the next state is sent |
 //!
@@ -44,6 +45,7 @@
 //! [`Dwelt`]: Deadline::Dwelt
 //! [`TouchedDown`]: Deadline::TouchedDown
 //! [`Unloaded`]: Deadline::Unloaded
+//! [`SettingBegins`]: Deadline::SettingBegins
 //! [`HeartbeatDue`]: Deadline::HeartbeatDue
 //! [`StateDue`]: Deadline::StateDue
 
@@ -92,6 +94,8 @@ pub enum Deadline {
     TouchedDown,
     /// The collective has been at its lowest long enough.
     Unloaded,
+    /// A setting takes effect even though a member in contact has not repeated it.
+    SettingBegins,
     /// The next heartbeat is due, whether the agreement state changed or not.
     HeartbeatDue,
     /// The next state is due, whether the peers need it or not; the given longest period, s.
@@ -117,7 +121,7 @@ impl Deadline {
             Self::HoldOver(hold_s) => hold_s,
             Self::Dwelt(dwell_s) => dwell_s,
             Self::TouchedDown => 1.0,
-            Self::Unloaded => 2.0,
+            Self::Unloaded | Self::SettingBegins => 2.0,
             Self::HeartbeatDue => HEARTBEAT_PERIOD_S * (1.0 - EARLY),
             Self::StateDue(period_s) => period_s * (1.0 - EARLY),
         }
@@ -145,7 +149,8 @@ impl Deadline {
             | Self::RoundTripOld
             | Self::AltitudeStuck
             | Self::TouchedDown
-            | Self::Unloaded => since_s > self.after_s(),
+            | Self::Unloaded
+            | Self::SettingBegins => since_s > self.after_s(),
         }
     }
 }

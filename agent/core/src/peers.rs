@@ -310,6 +310,11 @@ impl Peers {
         self.records.orders()
     }
 
+    /// Whether every member in contact has repeated this setting or a later one of its key.
+    pub fn all_know(&self, setting: &Order) -> bool {
+        self.members().without(self.records.know(setting)).is_empty()
+    }
+
     /// A number that changes whenever the part of [`Self::heartbeats`] on which the agreement depends may have changed:
     /// everything but the centre's progress.
     pub fn revision(&self) -> u64 {

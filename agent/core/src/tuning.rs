@@ -4,16 +4,18 @@
 //! an agent that joins later learns them. Which of them take effect depends on nothing but the scenario and these registers
 //! ([`Scenario::settings_in_effect`]), so agents that know the same settings fly the same formation.
 //!
-//! A value moves to its setting at the key's rate ([`TunableKey::rate_per_s`](skein_common::scenario::TunableKey::rate_per_s)), so
-//! that no setpoint jumps, and agents that receive an order at different times are never far apart.
+//! New settings wait until every member in contact has repeated them in its heartbeat, so that all begin within the delay of one
+//! message; a member that does not repeat them delays them for [`Deadline::SettingBegins`] only. A value then moves to its setting
+//! at the key's rate ([`TunableKey::rate_per_s`]), so that no setpoint jumps.
 
 use alloc::boxed::Box;
 use alloc::string::String;
 use alloc::vec::Vec;
 
 use skein_common::message::{EventKind, Order, StandingOrders};
-use skein_common::scenario::{Scenario, Setting};
+use skein_common::scenario::{Scenario, Setting, TunableKey};
 
+use crate::deadlines::Deadline;
 use crate::formation;
 
 /// Longest time step that counts, s: after a pause of the plant no value jumps.
@@ -30,8 +32,10 @@ pub struct Tuning {
 /// What has been set.
 #[derive(Clone, Debug, Default)]
 struct Tuned {
-    /// The settings in force when they were last looked at, with their orders.
-    known: Vec<(Setting, Order)>,
+    /// The settings that have begun.
+    begun: StandingOrders,
+    /// Time since the first of the others was received, s.
+    waited_s: f64,
     in_effect: Vec<Setting>,
     refused: Vec<Setting>,
     /// Present values of all keys that were ever set.
@@ -46,25 +50,52 @@ impl Tuning {
         Self { written: Box::new(written), tuned: None }
     }
 
-    /// Takes the settings in force, and moves the present values towards them by `dt_s`. Returns the scenario to fly if a value
-    /// has changed.
-    pub fn step(&mut self, dt_s: f64, orders: &StandingOrders, happened: &mut Vec<EventKind>) -> Option<Scenario> {
+    /// Takes the settings in force, of which `all_know` tells whether all other members know it, and moves the present values
+    /// towards them by `dt_s`. Returns the scenario to fly if a value has changed.
+    pub fn step(
+        &mut self,
+        dt_s: f64,
+        orders: &StandingOrders,
+        all_know: impl Fn(&Order) -> bool,
+        happened: &mut Vec<EventKind>,
+    ) -> Option<Scenario> {
         if orders.settings().is_empty() {
             return None;
         }
         let Self { written, tuned } = self;
         let tuned = tuned.get_or_insert_default();
-        if tuned.known != orders.settings() {
-            tuned.take(written, orders, happened);
+        if tuned.begin(dt_s, orders, all_know) {
+            tuned.take(written, happened);
         }
         tuned.advance(written, dt_s).then(|| written.with_settings(&tuned.present))
+    }
+
+    /// The present value of a key; `None` before a setting of it has begun.
+    pub fn value(&self, key: TunableKey) -> Option<f64> {
+        self.tuned.as_ref()?.present.iter().find(|present| present.key == key).map(|present| present.value)
     }
 }
 
 impl Tuned {
-    fn take(&mut self, written: &Scenario, orders: &StandingOrders, happened: &mut Vec<EventKind>) {
-        self.known = orders.settings().to_vec();
-        let found = written.settings_in_effect(&orders.settings_in_sequence(), |tuned| check(written, tuned));
+    /// Begins the new settings, all of them at once, if all know them or have had the time. Returns whether any has begun.
+    fn begin(&mut self, dt_s: f64, orders: &StandingOrders, all_know: impl Fn(&Order) -> bool) -> bool {
+        let mut new =
+            orders.settings().iter().map(|(_, order)| order).filter(|order| !self.begun.contain(order)).peekable();
+        if new.peek().is_none() {
+            self.waited_s = 0.0;
+            return false;
+        }
+        self.waited_s += dt_s.clamp(0.0, LONGEST_STEP_S);
+        if !Deadline::SettingBegins.is_past(self.waited_s) && !new.all(all_know) {
+            return false;
+        }
+        orders.settings().iter().for_each(|(_, order)| _ = self.begun.merge(*order));
+        true
+    }
+
+    fn take(&mut self, written: &Scenario, happened: &mut Vec<EventKind>) {
+        let given = self.begun.settings_in_sequence();
+        let found = written.settings_in_effect(&given, |tuned| check(written, tuned));
         let refused: Vec<Setting> = found.refused.into_iter().map(|(setting, _)| setting).collect();
         let new = refused.iter().filter(|setting| !self.refused.contains(setting));
         happened.extend(new.map(|setting| EventKind::SettingRefused(*setting)));
@@ -124,7 +155,7 @@ mod tests {
     #[test]
     fn a_value_moves_to_its_setting_at_the_rate_of_its_key_and_stays_there() {
         let (mut tuning, mut happened) = (Tuning::new(&scenario()), Vec::new());
-        assert_eq!(tuning.step(0.02, &StandingOrders::default(), &mut happened), None);
+        assert_eq!(tuning.step(0.02, &StandingOrders::default(), |_| true, &mut happened), None);
         let mut orders: StandingOrders = [set(1, "formation.radius_m=80")].into_iter().collect();
         let mut radius_m = 60.0;
         for step in 0..1000 {
@@ -133,7 +164,7 @@ mod tests {
             }
             // A pause of the plant is no reason for a jump.
             let dt_s = if step == 100 { 30.0 } else { 0.02 };
-            if let Some(tuned) = tuning.step(dt_s, &orders, &mut happened) {
+            if let Some(tuned) = tuning.step(dt_s, &orders, |_| true, &mut happened) {
                 let next_m = tuned.formation.radius_m;
                 assert!((next_m - radius_m).abs() <= 0.1 + 1e-9, "{radius_m} to {next_m} m");
                 assert_eq!(tuned.mission.steps[0].formation.radius_m, next_m);
@@ -151,7 +182,7 @@ mod tests {
         let mut orders: StandingOrders =
             [set(1, "formation.radius_m=10"), set(2, "formation.altitude_m=40")].into_iter().collect();
         let mut fly = |tuning: &mut Tuning, orders: &StandingOrders| {
-            (0..4000).fold(None, |last, _| tuning.step(0.02, orders, &mut happened).or(last))
+            (0..4000).fold(None, |last, _| tuning.step(0.02, orders, |_| true, &mut happened).or(last))
         };
         let tuned = fly(&mut tuning, &orders).unwrap();
         assert_eq!((tuned.formation.radius_m, tuned.formation.altitude_m), (60.0, 40.0));
@@ -159,5 +190,23 @@ mod tests {
         let tuned = fly(&mut tuning, &orders).unwrap();
         assert_eq!((tuned.formation.radius_m, tuned.formation.inner_width_m), (10.0, 5.0));
         assert_eq!(happened, [EventKind::SettingRefused("formation.radius_m=10".parse().unwrap())]);
+    }
+
+    #[test]
+    fn new_settings_begin_together_when_all_know_them_and_a_silent_member_delays_them_for_a_while_only() {
+        let mut happened = Vec::new();
+        // The band has to become narrower before the ring can: the first without the second would be refused.
+        let [width, radius] = [set(1, "formation.inner_width_m=5"), set(2, "formation.radius_m=15")];
+        let orders: StandingOrders = [width, radius].into_iter().collect();
+        let mut tuning = Tuning::new(&scenario());
+        assert_eq!(tuning.step(0.02, &orders, |order| *order == radius, &mut happened), None);
+        assert_eq!(tuning.value(TunableKey::find("formation.radius_m").unwrap()), None);
+        let tuned = tuning.step(0.02, &orders, |_| true, &mut happened).unwrap();
+        assert!(tuned.formation.radius_m < 60.0 && tuned.formation.inner_width_m < 20.0);
+        assert_eq!(happened, []);
+
+        let mut tuning = Tuning::new(&scenario());
+        let steps = (1..).find(|_| tuning.step(0.02, &orders, |_| false, &mut happened).is_some()).unwrap();
+        assert!((100..=101).contains(&steps), "{steps} steps of 0.02 s");
     }
 }

@@ -42,7 +42,7 @@ impl<M: Message> MessagePublisher<M> {
                 .wait()
                 .map_err(declaring(&key))
         };
-        let publishers = sessions.all.iter().map(declare).collect::<Result<_, _>>()?;
+        let publishers = sessions.published().map(declare).collect::<Result<_, _>>()?;
         Ok(Self { publishers, key, receiver: receiver.clone(), kind: PhantomData })
     }
 

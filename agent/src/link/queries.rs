@@ -59,7 +59,7 @@ pub(super) fn answer_queries(
         let queryable = session.declare_queryable(&key).allowed_origin(Locality::Remote).callback(answer);
         queryable.wait().map_err(declaring(&key))
     };
-    sessions.all.iter().map(declare).collect()
+    sessions.published().map(declare).collect()
 }
 
 /// Queries a peer for its heartbeat or clock; `question` is the payload. Never waits: `on_reply` gets the replies on

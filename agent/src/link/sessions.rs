@@ -34,15 +34,22 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 /// away if the session of that number came in itself. Secured agents therefore dial from a session that accepts no
 /// links, and show its number only to the peers that they dial; otherwise any node with a certificate could break the
 /// links between other nodes.
+///
+/// On secured links the observers and operators are linked to a session of their own, the feed. The sessions that a vehicle
+/// flies with have links with vehicles only.
 #[derive(Clone, Default)]
 pub struct Sessions {
+    /// The sessions that are linked with the other vehicles; on plain links, with observers too.
     pub(super) all: Vec<Arc<Session>>,
+    /// What observers and operators are linked to: they receive all that the agent publishes, and of what they send only
+    /// orders and queries are received. `None` on plain links and in an observer's own sessions.
+    pub(super) feed: Option<Arc<Session>>,
     tunnel: Option<Arc<Tunnel>>,
 }
 
 impl From<Session> for Sessions {
     fn from(session: Session) -> Self {
-        Self { all: vec![Arc::new(session)], tunnel: None }
+        Self { all: vec![Arc::new(session)], feed: None, tunnel: None }
     }
 }
 
@@ -75,13 +82,21 @@ impl Sessions {
         mut tunnel: Tunnel,
         open: impl Fn(&[String], &[String]) -> Result<Session, LinkError>,
     ) -> Result<Self, LinkError> {
-        let (listen, dial) = (tunnel.zenoh_listens(), tunnel.zenoh_dials());
-        let listening = if listen.is_empty() { None } else { Some(Arc::new(open(&listen, &[])?)) };
+        let listens =
+            |endpoint: Option<String>| endpoint.map(|endpoint| open(&[endpoint], &[]).map(Arc::new)).transpose();
+        let listening = listens(tunnel.zenoh_listens())?;
+        let feed = listens(tunnel.feed_listens())?;
         // Before the session that dials, which waits half a second for peers that it cannot reach.
-        let carried = tunnel.carry(listening.as_deref());
+        let carried = tunnel.carry(listening.as_deref(), feed.as_deref());
         carried.map_err(|source| LinkError::Open { listen: tunnel.endpoints(), source: source.into() })?;
+        let dial = tunnel.zenoh_dials();
         let dialling = if dial.is_empty() && listening.is_some() { None } else { Some(Arc::new(open(&[], &dial)?)) };
-        Ok(Self { all: listening.into_iter().chain(dialling).collect(), tunnel: Some(Arc::new(tunnel)) })
+        Ok(Self { all: listening.into_iter().chain(dialling).collect(), feed, tunnel: Some(Arc::new(tunnel)) })
+    }
+
+    /// The sessions in which everything is published: those with the other vehicles, then the feed.
+    pub(super) fn published(&self) -> impl Iterator<Item = &Arc<Session>> {
+        self.all.iter().chain(&self.feed)
     }
 
     /// The first session: the only one of an observer.
@@ -105,11 +120,12 @@ impl Sessions {
     /// Closes the sessions and drops `rest`, within a second or else in the background: on a bad network Zenoh's own
     /// closing can take ten seconds.
     pub(super) fn close(&self, rest: impl Send + 'static) {
-        let Self { all, tunnel } = self.clone();
+        let Self { all, feed, tunnel } = self.clone();
         let (done, is_done) = mpsc::channel();
         thread::spawn(move || {
             // A session that cannot be closed ends with the process.
-            let closing = all.into_iter().map(|session| thread::spawn(move || drop(session.close().wait())));
+            let closing =
+                all.into_iter().chain(feed).map(|session| thread::spawn(move || drop(session.close().wait())));
             closing.collect::<Vec<_>>().into_iter().for_each(|closing| drop(closing.join()));
             drop((rest, tunnel));
             let _ = done.send(());

@@ -11,6 +11,10 @@
 //! thread (Zenoh's own TCP sockets linger for ten seconds); and the tunnel gives up early on a host that cannot be
 //! reached.
 //!
+//! The links of observers and operators, the *guests*, do not lead to the session that the vehicle flies with but to another
+//! one, the feed ([`super::Sessions`]). Handshakes and the links of guests have a thread of their own beside the one that carries
+//! the vehicles' messages, and what a guest may send and receive is limited (`budget`).
+//!
 //! Zenoh's own TLS links are not used: they let two threads use one TLS connection at once, which corrupts memory
 //! ([zenoh#2557](https://github.com/eclipse-zenoh/zenoh/issues/2557)). Here each end is identified by its certificate
 //! before Zenoh sees the connection: a replaced certificate name makes no link, and a vehicle is up while it has a link
@@ -26,9 +30,9 @@ use std::net::{IpAddr, TcpListener as StdListener};
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, copy, split};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, copy, split};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::runtime::{Builder, Runtime};
+use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::time::{sleep, timeout};
 use tokio_rustls::TlsStream;
 use zenoh::Session;
@@ -37,7 +41,7 @@ use super::LinkError;
 use super::presence::Presence;
 use super::security::Tls;
 use crate::unix;
-use budget::{HandshakeRate, Quota, QuotaUse};
+use budget::{GuestLink, GuestRates, HandshakeRate, Limit, Quota, QuotaUse};
 use local::{Locals, ZenohListener};
 use skein_host::clock::now;
 pub(super) use tls::{Peer, TlsContext};
@@ -49,18 +53,20 @@ const CONNECT_TIMEOUT: Duration = Duration::from_millis(900);
 const MAX_PENDING: usize = 256;
 const MAX_PENDING_PER_NETWORK: usize = 16;
 /// Largest number of links with certificates, in total, of one network, and of one certificate. Agents on one host may
-/// share a network. A vehicle has one link with another, and for a moment its old one beside it; all observers of a swarm
-/// may have the same certificate.
+/// share a network. A vehicle has one link with another, and for a moment its old one beside it; all observers of one PC
+/// have the same certificate.
 const MAX_LINKS: usize = 512;
 const MAX_LINKS_PER_NETWORK: usize = 128;
 const MAX_LINKS_PER_VEHICLE: usize = 4;
-const MAX_LINKS_PER_GUEST: usize = 32;
+const MAX_LINKS_PER_GUEST: usize = 16;
 /// Longest random pause before a host that could not be reached is dialled again, so that the agents that a switch has cut
 /// off do not all dial in the same instant.
 const MAX_DIAL_JITTER: Duration = Duration::from_millis(200);
 /// A link is cut when the other end has acknowledged nothing for this long. An agent sends at least five times a
 /// second.
 const UNACKNOWLEDGED_TIMEOUT: Duration = Duration::from_secs(1);
+/// Bytes read at once from a guest or for one.
+const GUEST_BYTES_AT_ONCE: usize = 8192;
 /// Time to announce the end of a link to the other host.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(200);
 /// Pause after a failed accept, for example because no file descriptor is left.
@@ -71,8 +77,10 @@ pub(super) struct Tunnel {
     shared: Arc<Shared>,
     listeners: Vec<StdListener>,
     locals: Locals,
-    /// Taken on drop, because a runtime must not wait for its own last thread.
+    /// Carries the links with vehicles. Taken on drop, because a runtime must not wait for its own last thread.
     runtime: Option<Runtime>,
+    /// Completes handshakes of hosts that dial, and carries the links with guests. Taken on drop too.
+    for_guests: Option<Runtime>,
 }
 
 struct Shared {
@@ -80,6 +88,7 @@ struct Shared {
     tls_context: Option<TlsContext>,
     presence: Arc<Presence>,
     links: LinkBudget,
+    guests: GuestRates,
 }
 
 impl Tunnel {
@@ -97,22 +106,30 @@ impl Tunnel {
             Ok(listener)
         };
         let listeners = listen.iter().map(bind).collect::<io::Result<_>>().map_err(taken)?;
-        let runtime =
-            Builder::new_multi_thread().worker_threads(1).thread_name("tunnel").enable_all().build().map_err(taken)?;
+        let thread = |name: &str| Builder::new_multi_thread().worker_threads(1).thread_name(name).enable_all().build();
+        let (runtime, for_guests) = (thread("tunnel").map_err(taken)?, thread("guests").map_err(taken)?);
         let locals = runtime.block_on(async { Locals::open(dial) }).map_err(taken)?;
         // Only a certificate identifies the vehicle at the other end.
         let presence = if tls_context.is_some() { Presence::by_links() } else { Presence::by_tokens() };
         Ok(Self {
-            shared: Arc::new(Shared { tls_context, presence, links: LinkBudget::new() }),
+            shared: Arc::new(Shared { tls_context, presence, links: LinkBudget::new(), guests: GuestRates::default() }),
             listeners,
             locals,
             runtime: Some(runtime),
+            for_guests: Some(for_guests),
         })
     }
 
     /// Local endpoint for Zenoh to listen on, if other hosts dial this one.
-    pub(super) fn zenoh_listens(&self) -> Vec<String> {
-        if self.listeners.is_empty() { Vec::new() } else { vec![self.locals.zenoh_listens()] }
+    pub(super) fn zenoh_listens(&self) -> Option<String> {
+        (!self.listeners.is_empty()).then(|| self.locals.zenoh_listens())
+    }
+
+    /// Local endpoint for the feed to listen on, if guests can dial this host and be told from vehicles: only a certificate
+    /// says which of the two dials.
+    pub(super) fn feed_listens(&self) -> Option<String> {
+        let is_secured = self.shared.tls_context.is_some();
+        (is_secured && !self.listeners.is_empty()).then(|| self.locals.feed_listens())
     }
 
     /// Local endpoints for Zenoh to dial, one for each host to reach.
@@ -132,18 +149,25 @@ impl Tunnel {
         &self.shared.presence
     }
 
-    /// Starts to carry the traffic of the listening session, if there is one, and of every session that dials a local
-    /// socket.
-    pub(super) fn carry(&mut self, listening: Option<&Session>) -> io::Result<()> {
-        let Some(runtime) = &self.runtime else { return Ok(()) };
-        let _in_runtime = runtime.enter();
+    /// Starts to carry the traffic of the listening session and of the feed, if there are any, and of every session that
+    /// dials a local socket.
+    pub(super) fn carry(&mut self, listening: Option<&Session>, feed: Option<&Session>) -> io::Result<()> {
+        let (Some(runtime), Some(for_guests)) = (&self.runtime, &self.for_guests) else { return Ok(()) };
         if let Some(session) = listening {
-            let zenoh = Arc::new(self.locals.zenoh(session)?);
+            let host = Arc::new(Host {
+                shared: self.shared.clone(),
+                zenoh: self.locals.zenoh(session)?,
+                feed: feed.map(|feed| self.locals.feed(feed)).transpose()?,
+                for_vehicles: runtime.handle().clone(),
+                for_guests: for_guests.handle().clone(),
+            });
+            let _in_runtime = for_guests.enter();
             for listener in &self.listeners {
                 let listener = TcpListener::from_std(listener.try_clone()?)?;
-                runtime.spawn(accept(listener, zenoh.clone(), self.shared.clone()));
+                for_guests.spawn(accept(listener, host.clone()));
             }
         }
+        let _in_runtime = runtime.enter();
         for (local, endpoint) in self.locals.take_dial_sockets() {
             let shared = self.shared.clone();
             runtime.spawn(async move {
@@ -161,14 +185,26 @@ impl Tunnel {
 
 impl Drop for Tunnel {
     fn drop(&mut self) {
-        if let Some(runtime) = self.runtime.take() {
+        for runtime in [self.runtime.take(), self.for_guests.take()].into_iter().flatten() {
             runtime.shutdown_background();
         }
     }
 }
 
+/// What a host that dials this one is connected to.
+struct Host {
+    shared: Arc<Shared>,
+    /// Where the session listens that is linked with the other vehicles.
+    zenoh: ZenohListener,
+    /// Where the feed listens.
+    feed: Option<ZenohListener>,
+    /// Carry the links with vehicles and with guests.
+    for_vehicles: Handle,
+    for_guests: Handle,
+}
+
 /// Accepts connections that show a known certificate, as far as the budgets allow.
-async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Shared>) {
+async fn accept(listener: TcpListener, host: Arc<Host>) {
     let pending = Quota::new();
     let mut rate = HandshakeRate::new(now());
     loop {
@@ -185,10 +221,12 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
             tracing::debug!("no link from {from}: too many handshakes are pending");
             continue;
         };
-        let (zenoh, shared) = (zenoh.clone(), shared.clone());
+        let host = host.clone();
         tokio::spawn(async move {
+            let shared = &host.shared;
             let accepted = async {
                 prepare(&socket)?;
+                let socket = host.hand_over(socket)?;
                 io::Result::Ok(match &shared.tls_context {
                     Some(tls_context) => Connection::secured(tls_context.accept(socket).await?),
                     None => Connection::Plain(socket),
@@ -196,17 +234,38 @@ async fn accept(listener: TcpListener, zenoh: Arc<ZenohListener>, shared: Arc<Sh
             };
             let accepted = timeout(CONNECT_TIMEOUT, accepted).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
             drop(handshake);
+            let address = from.ip().to_string();
             match accepted.and_then(|connection| Ok((shared.links.admit(&connection, network)?, connection))) {
-                Ok((_within_budget, connection)) => {
-                    if let Ok(here) = zenoh.connect().await {
-                        connection.carry(here, &from.ip().to_string(), &shared.presence).await;
-                    }
-                }
+                Ok((within_budget, connection)) => host.link(connection, within_budget, address),
                 // A port scan, or a network that failed during the handshake.
                 Err(error) if error.kind() != io::ErrorKind::InvalidData => {
                     tracing::debug!("no link from {from}: {error}")
                 }
-                Err(error) => shared.presence.refuse(&from.ip().to_string(), &error.to_string()),
+                Err(error) => shared.presence.refuse(&address, &error.to_string()),
+            }
+        });
+    }
+}
+
+impl Host {
+    /// Lets the vehicles' thread wait for this socket, so that no guest delays a vehicle's link.
+    fn hand_over(&self, socket: TcpStream) -> io::Result<TcpStream> {
+        let socket = socket.into_std()?;
+        let _in_runtime = self.for_vehicles.enter();
+        TcpStream::from_std(socket)
+    }
+
+    /// Carries the traffic of this connection until it ends, on the thread of its kind. `within_budget` counts the link until
+    /// then.
+    fn link(self: Arc<Self>, connection: Connection, within_budget: impl Send + 'static, address: String) {
+        let thread = if connection.is_guests() { &self.for_guests } else { &self.for_vehicles };
+        thread.clone().spawn(async move {
+            let _within_budget = within_budget;
+            let guest = connection.is_guests().then(|| self.shared.guests.link(connection.name(), now()));
+            let zenoh = if guest.is_some() { self.feed.as_ref() } else { Some(&self.zenoh) };
+            let Some(zenoh) = zenoh else { return };
+            if let Ok(here) = zenoh.connect().await {
+                connection.carry(here, &address, guest, &self.shared.presence).await;
             }
         });
     }
@@ -256,7 +315,7 @@ async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
         })
     };
     match timeout(CONNECT_TIMEOUT, reach).await {
-        Ok(Ok(connection)) => return connection.carry(here, address, &shared.presence).await,
+        Ok(Ok(connection)) => return connection.carry(here, address, None, &shared.presence).await,
         Ok(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
             shared.presence.refuse(address, &error.to_string());
         }
@@ -290,11 +349,24 @@ impl Connection {
         Self::Tls(Box::new(stream), peer)
     }
 
-    /// Carries the traffic of the local socket `here` until the link ends.
-    async fn carry(self, here: local::Stream, address: &str, presence: &Arc<Presence>) {
+    /// Whether an observer or operator is at the other end.
+    fn is_guests(&self) -> bool {
+        matches!(self, Self::Tls(_, peer) if peer.vehicle.is_none())
+    }
+
+    /// Common name in the other end's certificate; empty on a plain link.
+    fn name(&self) -> &str {
         match self {
-            Self::Plain(there) => carry(there, here, (address, &Peer::unknown()), presence).await,
-            Self::Tls(there, peer) => carry(there, here, (address, &peer), presence).await,
+            Self::Plain(_) => "",
+            Self::Tls(_, peer) => &peer.name,
+        }
+    }
+
+    /// Carries the traffic of the local socket `here` until the link ends.
+    async fn carry(self, here: local::Stream, address: &str, guest: Option<GuestLink>, presence: &Arc<Presence>) {
+        match self {
+            Self::Plain(there) => carry(there, here, (address, &Peer::unknown()), guest, presence).await,
+            Self::Tls(there, peer) => carry(there, here, (address, &peer), guest, presence).await,
         }
     }
 }
@@ -305,23 +377,44 @@ async fn carry(
     there: impl AsyncRead + AsyncWrite + Unpin,
     here: impl AsyncRead + AsyncWrite + Unpin,
     (address, peer): (&str, &Peer),
+    guest: Option<GuestLink>,
     presence: &Arc<Presence>,
 ) {
     let _link = presence.link(peer.vehicle);
     let (mut from_there, mut to_there) = split(there);
     let (mut from_here, mut to_here) = split(here);
+    let (received, sent) = guest.map_or((None, None), |guest| (Some(guest.received), Some(guest.sent)));
     // Neither direction waits for the other, or a cut link would go unnoticed for a quarter of an hour.
     tokio::select! {
-        copied = copy(&mut from_there, &mut to_here) => match copied {
+        copied = copy_within(&mut from_there, &mut to_here, received) => match copied {
             // TLS 1.3 reports a refused client certificate only after the handshake.
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                 presence.refuse(address, &error.to_string());
             }
             _ => {}
         },
-        _ = copy(&mut from_here, &mut to_there) => {}
+        _ = copy_within(&mut from_here, &mut to_there, sent) => {}
     }
     let _ = timeout(SHUTDOWN_TIMEOUT, to_there.shutdown()).await;
+}
+
+/// Copies bytes until one end closes, no faster and no more than the limit allows, if there is one.
+async fn copy_within<R: AsyncRead + Unpin, W: AsyncWrite + Unpin>(
+    from: &mut R,
+    to: &mut W,
+    limit: Option<impl Limit>,
+) -> io::Result<()> {
+    let Some(mut limit) = limit else { return copy(from, to).await.map(drop) };
+    let mut bytes = vec![0; GUEST_BYTES_AT_ONCE];
+    loop {
+        let count = from.read(&mut bytes).await?;
+        let Some(wait) = limit.take(count, now()).filter(|_| count > 0) else { return Ok(()) };
+        if !wait.is_zero() {
+            sleep(wait).await;
+        }
+        to.write_all(&bytes[..count]).await?;
+        to.flush().await?;
+    }
 }
 
 /// `10.0.0.11:7447` of `tls/10.0.0.11:7447`.

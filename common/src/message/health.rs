@@ -43,7 +43,7 @@ pub struct Health {
     pub state_messages: u64,
     /// Payload of the state messages sent, bytes.
     pub state_bytes: u64,
-    /// Number of links with other agents and with observers.
+    /// Number of links with other agents, and on plain links with observers.
     pub links: u32,
     /// Messages of all kinds published, since the start. A message that goes out on several links counts once.
     pub sent: Traffic,

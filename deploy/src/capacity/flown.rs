@@ -63,7 +63,7 @@ pub struct FlownFleet {
     pub other_teams: Option<Received>,
     /// From all of them.
     pub all: Received,
-    /// Links of an agent with other agents and with observers; `None` in virtual time.
+    /// Links of an agent with other agents, and on plain links with observers; `None` in virtual time.
     pub links: Option<OverVehicles>,
 }
 

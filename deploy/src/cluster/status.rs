@@ -146,7 +146,7 @@ pub struct HealthReport {
     pub faults: Vec<String>,
     /// What would be a fault of its simulator's set-up, if the scenario did not ask for it.
     pub wanted: Vec<String>,
-    /// Number of its links with other agents and with observers.
+    /// Number of its links with other agents, and on plain links with observers.
     pub links: u32,
     /// Messages that it publishes, a second, on average since its start.
     pub sent_per_s: f64,

@@ -13,6 +13,7 @@ use super::fleet::{self, ALTITUDE_M, BAND_M, Fleet, RADIUS_M};
 use super::host::{Host, kill};
 use super::intruders;
 use super::lab::{HOSTS, Lab};
+use super::ordered;
 use super::print_line;
 use super::sky::{Sky, Snapshot, now_s};
 
@@ -115,6 +116,17 @@ impl Flight {
         };
         let ring_s = sky.wait(60, from_s, "the ring is complete", is_ring) - from_s;
         print_line(&format!("a ring of eight, neighbours {gap_m:.0} m apart, {ring_s:.1} s later"));
+    }
+
+    /// Kills the agent of this vehicle. Returns the time until all others are in contact with it again, s.
+    pub(super) fn restart(&self, sky: &Sky, id: u8) -> f64 {
+        let killed_s = now_s();
+        self.lab.host(id).processes(&["skein", "agent"]).into_iter().for_each(kill);
+        let others = others(id);
+        let lost = || sky.all_reported(&others, killed_s, &format!("lost contact with vehicle {id}"));
+        let lost_s = sky.wait_for(10, "its peers lose contact", lost);
+        let found = || sky.all_reported(&others, lost_s, &format!("in contact with vehicle {id}"));
+        sky.wait_for(30, "its peers are in contact again", found) - killed_s
     }
 
     /// Kills one agent.
@@ -306,6 +318,19 @@ impl Flight {
             "the operator's PC removed in flight: nothing changed in 5 s; from another PC with its keys: {}",
             hold.out.trim()
         ));
+    }
+
+    /// Holds the swarm from the page of the operator's PC, which signs the order, and sends it on.
+    pub(super) fn order_from_the_page(&self, sky: &Sky) {
+        let from_s = now_s();
+        let shown = ordered::from_the_page(&self.lab, "hold");
+        let text = shown["text"].as_str().unwrap_or_default();
+        assert!(shown["ok"] == true && text.starts_with("hold: taken by 8 of 8"), "{shown}");
+        sky.wait(20, from_s, "all hold", |snapshot| snapshot.all(8, |vehicle| vehicle.order == "hold"));
+        let step = sky.now().vehicles.iter().map(|vehicle| vehicle.step).max().unwrap() + 1;
+        self.lab.skein(&format!("order goto {step} -f lab/cluster.toml"), 20).succeeded();
+        sky.wait(20, from_s, "all continue", |snapshot| snapshot.all(8, |vehicle| vehicle.step >= step));
+        print_line(&format!("an order from the page, signed at the operator's PC: {text}"));
     }
 
     /// Installs another release and a ninth vehicle, node by node while the others fly. Host 8 then runs two agents and

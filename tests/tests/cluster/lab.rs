@@ -19,8 +19,11 @@ use skein_tests::namespaces::{Namespaces, is_running, join, missing as no_namesp
 use super::finished::Finished;
 use super::host::{Host, HostSetup, keygen, private};
 
-/// The program that cargo built.
-const PROGRAM: &str = env!("CARGO_BIN_EXE_skein-under-test");
+/// The program that cargo built, unless the environment variable `SKEIN_PROGRAM` names another one.
+fn program() -> PathBuf {
+    std::env::var_os("SKEIN_PROGRAM").map_or_else(|| env!("CARGO_BIN_EXE_skein-under-test").into(), PathBuf::from)
+}
+
 /// Number of hosts.
 pub(super) const HOSTS: u8 = 8;
 /// Name of the operator's PC.
@@ -96,7 +99,7 @@ impl Lab {
         let setup = HostSetup { name: OPERATOR, address: OPERATOR_ADDRESS, authorized: "", environment: &[] };
         let operator = Host::start(&self.namespaces.name(OPERATOR), &self._folder.0.join(OPERATOR), &setup);
         if !operator.path("/opt/skein").exists() {
-            operator.put_program(Path::new(PROGRAM), "/opt/skein");
+            operator.put_program(&program(), "/opt/skein");
         }
         self.operator = Some(operator);
     }

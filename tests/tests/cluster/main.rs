@@ -7,6 +7,7 @@
 #![expect(clippy::disallowed_methods, reason = "real hosts take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
+mod attacks;
 mod faults;
 mod finished;
 mod fleet;
@@ -14,6 +15,7 @@ mod flight;
 mod host;
 mod intruders;
 mod lab;
+mod ordered;
 mod page;
 mod sky;
 mod teams;
@@ -86,6 +88,7 @@ fn a_swarm_is_installed_flown_disturbed_upgraded_and_uninstalled() {
     flight.cut_one(&sky);
     flight.status_from_a_node();
     flight.unplug_the_operator(&sky);
+    flight.order_from_the_page(&sky);
     // The upgrade mostly waits for landings: another cluster test may use the computer meanwhile.
     drop(alone_until_the_upgrade);
     let sky = flight.upgrade(sky);
@@ -125,4 +128,23 @@ fn intruder() {
 fn page() {
     let Some(_alone) = alone() else { return };
     page::print();
+}
+
+#[test]
+#[ignore = "prints how attacks disturb a cluster; takes five minutes, and the PC should do nothing else meanwhile"]
+fn attacks_disturb_no_vehicle() {
+    let Some(_alone) = alone() else { return };
+    attacks::print();
+}
+
+#[test]
+#[ignore = "the process of an attacker, on its own host"]
+fn attacker() {
+    attacks::attack();
+}
+
+#[test]
+#[ignore = "the process of a browser, on the operator's PC"]
+fn browser() {
+    ordered::browse();
 }

@@ -13,6 +13,8 @@ use serde_json::{Value, json};
 use skein::inventory::Inventory;
 use skein::keys::Role;
 use skein::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_common::message::Trace;
+use skein_common::state::PeerStatus;
 
 use super::lab::Lab;
 
@@ -48,6 +50,21 @@ pub(super) struct Vehicle {
     pub(super) incarnation: u64,
     pub(super) order: String,
     pub(super) release: String,
+    /// What the vehicle measures of its own loop and of the network.
+    pub(super) measured: Measured,
+}
+
+/// What one vehicle measures of its own loop and of the network.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Measured {
+    /// Time from a frame's arrival to its last control output, µs.
+    pub(super) step_us: f64,
+    /// Steps that ended too late since the agent started.
+    pub(super) late: f64,
+    /// Largest excess of the time between two frames over their period, over the last second, ms.
+    pub(super) jitter_ms: f64,
+    /// Age of the oldest state of a peer in contact, ms.
+    pub(super) oldest_ms: f64,
 }
 
 impl Vehicle {
@@ -211,6 +228,12 @@ fn take_snapshot(observed: &mut Observed, value: &Value) {
         incarnation: vehicle["life"].as_u64().unwrap_or_default(),
         order: text(&vehicle["order"]),
         release: text(&vehicle["release"]),
+        measured: Measured {
+            step_us: number(&vehicle["step_us"]),
+            late: number(&vehicle["late"]),
+            jitter_ms: number(&vehicle["jitter_ms"]),
+            oldest_ms: number(&vehicle["oldest_ms"]),
+        },
     });
     observed.snapshots.push(Snapshot { at_s, vehicles: vehicles.collect() });
     observed.events.extend(each("events").iter().map(|event| ReportedEvent {
@@ -223,6 +246,12 @@ fn take_snapshot(observed: &mut Observed, value: &Value) {
 /// Unix time, s, which all hosts of this computer share.
 pub(super) fn now_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64()
+}
+
+/// Age of the oldest state of a peer in contact, ms.
+fn oldest_ms(trace: &Trace) -> f64 {
+    let in_contact = trace.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
+    in_contact.map(|peer| peer.age_s * 1e3).fold(0.0, f64::max)
 }
 
 /// The process of the observer.
@@ -257,6 +286,10 @@ pub(super) fn observe_swarm() {
                 "life": mission.map(|mission| mission.header.incarnation.0),
                 "order": mission.and_then(|mission| mission.order).map(|order| order.verb.to_string()),
                 "release": observed.health.as_ref().map(|health| health.version.clone()),
+                "step_us": trace.and_then(|trace| trace.step_us),
+                "late": trace.map(|trace| trace.frame_overruns),
+                "jitter_ms": observed.health.as_ref().map(|health| health.jitter_ms),
+                "oldest_ms": trace.map(oldest_ms),
             })
         });
         let snapshot = json!({ "at_s": now_s(), "vehicles": vehicles.collect::<Vec<_>>(), "events": events });

@@ -29,9 +29,15 @@ impl Flight {
     }
 
     pub(crate) fn of(place: &Place, name: &str, vehicles: usize) -> Self {
+        Self::with(place, name, vehicles, &[])
+    }
+
+    /// With these further keys of the scenario.
+    pub(crate) fn with(place: &Place, name: &str, vehicles: usize, more: &[&str]) -> Self {
         let mut command = place.command();
         command.arg("fly").arg("--out").arg(place.path("out"));
-        for set in [&format!("swarm.vehicles={vehicles}"), "formation.altitude_m=5", "formation.radius_m=40"] {
+        let sets = [&format!("swarm.vehicles={vehicles}"), "formation.altitude_m=5", "formation.radius_m=40"];
+        for set in sets.into_iter().chain(more.iter().copied()) {
             command.args(["--set", set]);
         }
         command.arg("--set").arg(format!("swarm.name={name}"));

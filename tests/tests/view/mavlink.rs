@@ -54,15 +54,25 @@ struct Watched {
     compared: usize,
 }
 
-/// Flies vehicles, watches them on a ground station of this kind for some seconds, and lands vehicle 2 with it.
-fn watch(kind: &str, vehicles: usize, seconds: u32, more: &[&str]) -> Option<Watched> {
+/// Flies vehicles, watches them on a ground station of this kind for some seconds, and lands vehicle 2 with it. With a key messages
+/// are signed, and the station gives vehicle 1 further commands.
+fn watch(kind: &str, vehicles: usize, seconds: u32, key: Option<[u8; 32]>) -> Option<Watched> {
     let python = python(kind)?;
     let place = Place::new();
-    let port = free_port();
-    let _server = place.view(&[&["--swarm", "station", "--mavlink", &format!("127.0.0.1:{port}")], more].concat());
-    let flight = Flight::of(&place, "station", vehicles);
+    let (port, key_file) = (free_port(), place.path("mavlink.key").display().to_string());
+    let mut options = vec!["--orders"];
+    let mut arguments: Vec<String> =
+        [kind, &port.to_string(), &vehicles.to_string(), &seconds.to_string(), "2"].map(str::to_owned).into();
+    if let Some(key) = key {
+        std::fs::write(&key_file, key).unwrap();
+        rustix::fs::chmod(&key_file, rustix::fs::Mode::from_raw_mode(0o600)).unwrap();
+        options.extend(["--mavlink-key", &key_file]);
+        arguments.push(key_file.clone());
+    }
+    let _server =
+        place.view(&[&["--swarm", "station", "--mavlink", &format!("127.0.0.1:{port}")][..], &options].concat());
+    let flight = Flight::with(&place, "station", vehicles, &["mission.steps=[{ hold_s = 900 }, { land = true }]"]);
     let mut station = Command::new(python);
-    let arguments = [kind, &port.to_string(), &vehicles.to_string(), &seconds.to_string(), "2"].map(str::to_owned);
     let station = station.arg(STATION).args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
 
     let runtime = place.path("runtime").join("skein");
@@ -165,7 +175,7 @@ impl Watched {
 
 #[test]
 fn an_independent_ground_station_sees_four_vehicles_without_loss_and_lands_one() {
-    let Some(watched) = watch("pymavlink", 4, 10, &["--orders"]) else { return };
+    let Some(watched) = watch("pymavlink", 4, 10, None) else { return };
     let received = &watched.received;
     watched.check(4 * 40);
     watched.check_complete();
@@ -178,13 +188,22 @@ fn an_independent_ground_station_sees_four_vehicles_without_loss_and_lands_one()
 }
 
 #[test]
+fn a_ground_station_with_the_key_holds_a_vehicle_lets_it_fly_on_and_sends_it_to_land() {
+    let Some(watched) = watch("pymavlink", 2, 3, Some(*b"0123456789abcdef0123456789abcdef")) else { return };
+    let received = &watched.received;
+    watched.check(2 * 10);
+    assert_eq!(received["commanded"], serde_json::json!([[0, "LOITER"], [0, "MISSION"], [0, "LAND"]]));
+    assert_eq!((&received["modes"]["2"], &received["unsigned"]), (&"LAND".into(), &0.into()));
+}
+
+#[test]
 #[ignore = "two flights of minutes: .ci/long"]
 fn ground_stations_see_eight_vehicles_without_loss_in_a_minute_and_land_one() {
-    let watched = watch("pymavlink", 8, 60, &["--orders"]).unwrap();
+    let watched = watch("pymavlink", 8, 60, None).unwrap();
     watched.check(8 * 400);
     watched.check_complete();
     assert_eq!(watched.received["modes"]["2"], "LAND");
-    let watched = watch("mavsdk", 8, 60, &["--orders"]).unwrap();
+    let watched = watch("mavsdk", 8, 60, None).unwrap();
     watched.check(8 * 100);
     assert_eq!((&watched.received["armed"], &watched.received["modes"]["2"]), (&true.into(), &"LAND".into()));
 }

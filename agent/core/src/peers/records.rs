@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{Echo, Header, Heartbeat, Order, StandingOrders};
+use skein_common::message::{Echo, Header, Heartbeat, Order, StandingOrders, Verb};
 use skein_common::scenario::{Graph, Network, Scenario};
 use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
@@ -82,6 +82,8 @@ pub(super) struct Records {
     echoed: VehicleSet,
     /// The orders that have been reported.
     known_orders: StandingOrders,
+    /// The newest order of each key that an operator has set, with the vehicles whose heartbeats have repeated it.
+    settings: Vec<(Order, VehicleSet)>,
     now: LocalTime,
     /// End of the time in which peers may be silent for longer, because this computer was overloaded.
     lenient_until: LocalTime,
@@ -119,6 +121,7 @@ impl Records {
             trip_changes: Vec::new(),
             echoed: VehicleSet::default(),
             known_orders: StandingOrders::default(),
+            settings: Vec::new(),
             now: LocalTime::ZERO,
             lenient_until: LocalTime::ZERO,
             first_update: None,
@@ -146,6 +149,7 @@ impl Records {
             orders: core::mem::take(&mut self.orders),
             trip_changes: core::mem::take(&mut self.trip_changes),
             known_orders: other.known_orders.clone(),
+            settings: other.settings.clone(),
             ..*other
         };
     }
@@ -269,6 +273,12 @@ impl Records {
         &self.orders
     }
 
+    /// The vehicles whose heartbeats have repeated this setting or a later one of its key.
+    pub(super) fn know(&self, setting: &Order) -> VehicleSet {
+        let later = self.settings.iter().find(|(known, _)| sets_same_key(known, setting) && known >= setting);
+        later.map(|(_, by)| *by).unwrap_or_default()
+    }
+
     /// What the last update changes of the round trips of vehicle `own`, in the order of arrival, among changes of others'.
     pub(super) fn trip_changes(&self, own: VehicleId) -> &[TripChange] {
         if self.echoed.contains(own) { &self.trip_changes } else { &[] }
@@ -362,6 +372,16 @@ impl Records {
         }
     }
 
+    /// Notes that this vehicle knows a setting.
+    fn note_setting(&mut self, order: Order, by: VehicleId) {
+        match self.settings.iter_mut().find(|(known, _)| sets_same_key(known, &order)) {
+            Some((known, all)) if *known == order => all.insert(by),
+            Some(older) if older.0 < order => *older = (order, [by].into_iter().collect()),
+            Some(_) => {}
+            None => self.settings.push((order, [by].into_iter().collect())),
+        }
+    }
+
     /// Adds the way of a vehicle between two states, m. A second one in an update counts in full.
     fn note_way(&mut self, way_m: f64, id: VehicleId) {
         if self.moved.contains(id) {
@@ -392,6 +412,9 @@ impl Records {
             self.echoed.insert(echo.of);
         }
         let order = message.order.filter(|_| message.plan == plan);
+        if let Some(order) = order.filter(|order| matches!(order.verb, Verb::Set(_))) {
+            self.note_setting(order, id);
+        }
         if message.plan != plan || order.is_some_and(|order| self.known_orders.merge(order)) {
             self.reports.push(Report { id, plan: message.plan, order: message.order });
         }
@@ -430,4 +453,9 @@ impl Records {
         }
         Some(peer)
     }
+}
+
+/// Whether two orders set the same key.
+fn sets_same_key(one: &Order, other: &Order) -> bool {
+    matches!((one.verb, other.verb), (Verb::Set(one), Verb::Set(other)) if one.key == other.key)
 }

@@ -213,6 +213,19 @@ impl Swarm {
         }
     }
 
+    /// Checks that no forged message is accepted, and that of all that is sent both vehicles receive and refuse the orders alone.
+    fn refuse_orders_alone(&mut self, mut attack: impl FnMut()) {
+        let deadline = now() + TIMEOUT;
+        while [&self.one, &self.two].iter().any(|link| link.drops().unsigned < 20) {
+            assert!(now() < deadline, "{:?}, {:?}", self.one.drops(), self.two.drops());
+            self.exchange(1, &mut attack);
+        }
+        self.withstand(attack);
+        for link in [&self.one, &self.two] {
+            assert_eq!(Drops { unsigned: 0, old: 0, links: 0, ..link.drops() }, Drops::default());
+        }
+    }
+
     /// Checks that no forged message is accepted, and that both vehicles count the forged ones.
     fn refuse(&mut self, mut attack: impl FnMut()) {
         let deadline = now() + TIMEOUT;

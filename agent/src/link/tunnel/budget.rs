@@ -1,10 +1,10 @@
 //! Limits what one network or one certificate can take of a listening agent, so that a stranger or a stolen key leaves
-//! enough for the other hosts: handshakes that are pending, handshakes in a second, and links.
+//! enough for the other hosts: handshakes that are pending, handshakes in a second, links, and what a guest sends and gets.
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv6Addr};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, Instant};
 
 /// Handshakes a second that one network may begin on average, and at once. A handshake costs about a millisecond of one
 /// core. Several agents may share a host, and each of them dials at the start; a refused one dials again.
@@ -15,6 +15,18 @@ const ALL_HANDSHAKES_PER_S: f64 = 200.0;
 const ALL_HANDSHAKES_AT_ONCE: f64 = 256.0;
 /// Largest number of networks whose rate is remembered.
 const MAX_NETWORKS: usize = 4096;
+
+/// Bytes a second that all links of one guest's certificate may send together on average, and at once. An observer sends its
+/// subscriptions, a query of a clock twice a second, and orders of 300 bytes.
+const FROM_GUEST_BYTES_PER_S: f64 = 16_384.0;
+const FROM_GUEST_BYTES_AT_ONCE: f64 = 65_536.0;
+/// Bytes that a guest may send in one link. Zenoh remembers each declaration of a link until the link ends, in many times
+/// its length. An observer has a new link within a second.
+const FROM_GUEST_BYTES: u64 = 262_144;
+/// Bytes a second that the feed sends on one link on average, and at once: many times the traces of one vehicle. What is too much
+/// for a link, Zenoh drops.
+const TO_GUEST_BYTES_PER_S: f64 = 524_288.0;
+const TO_GUEST_BYTES_AT_ONCE: f64 = 524_288.0;
 
 /// The network of an address, as far as one host may choose its address freely: an IPv4 address, or a /64 of IPv6.
 pub(super) fn network(address: IpAddr) -> IpAddr {
@@ -112,12 +124,73 @@ impl TokenBucket {
         self.tokens = (self.tokens + since.as_secs_f64() * per_s).min(size);
         self.tokens
     }
+
+    /// Takes this many tokens, also those that come later. Returns the time until they have come.
+    fn take(&mut self, count: f64, now: Instant, per_s: f64, size: f64) -> Duration {
+        self.tokens = self.fill(now, per_s, size) - count;
+        Duration::from_secs_f64((-self.tokens / per_s).max(0.0))
+    }
+}
+
+/// What each guest, an observer or operator, may still send now, by the name in its certificate.
+#[derive(Default)]
+pub(super) struct GuestRates(Mutex<BTreeMap<String, Weak<Mutex<TokenBucket>>>>);
+
+impl GuestRates {
+    /// Begins a link of this guest.
+    pub(super) fn link(&self, name: &str, now: Instant) -> GuestLink {
+        let mut rates = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        rates.retain(|_, rate| rate.strong_count() > 0);
+        let of_guest = rates.get(name).and_then(Weak::upgrade).unwrap_or_else(|| {
+            let full = TokenBucket { tokens: FROM_GUEST_BYTES_AT_ONCE, at: now };
+            let of_guest = Arc::new(Mutex::new(full));
+            rates.insert(name.to_owned(), Arc::downgrade(&of_guest));
+            of_guest
+        });
+        let sent = TokenBucket { tokens: TO_GUEST_BYTES_AT_ONCE, at: now };
+        GuestLink { received: GuestReceived { of_guest, left: FROM_GUEST_BYTES }, sent: GuestSent(sent) }
+    }
+}
+
+/// Limits the traffic of one link with a guest.
+pub(super) struct GuestLink {
+    pub(super) received: GuestReceived,
+    pub(super) sent: GuestSent,
+}
+
+/// Limits what a guest sends in one link.
+pub(super) struct GuestReceived {
+    /// Shared by all links of the guest. A guest that has more links keeps its rate until the last of them ends.
+    of_guest: Arc<Mutex<TokenBucket>>,
+    left: u64,
+}
+
+/// Limits what one link sends to a guest.
+pub(super) struct GuestSent(TokenBucket);
+
+/// Limits one direction of a link.
+pub(super) trait Limit {
+    /// Accounts for bytes that have been read. Returns the time to wait before they are passed on, or `None` if the link
+    /// has to end.
+    fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration>;
+}
+
+impl Limit for GuestReceived {
+    fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration> {
+        self.left = self.left.checked_sub(bytes as u64)?;
+        let mut of_guest = self.of_guest.lock().unwrap_or_else(PoisonError::into_inner);
+        Some(of_guest.take(bytes as f64, now, FROM_GUEST_BYTES_PER_S, FROM_GUEST_BYTES_AT_ONCE))
+    }
+}
+
+impl Limit for GuestSent {
+    fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration> {
+        Some(self.0.take(bytes as f64, now, TO_GUEST_BYTES_PER_S, TO_GUEST_BYTES_AT_ONCE))
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use skein_host::clock::now;
 
     use super::*;
@@ -165,5 +238,38 @@ mod tests {
         assert!(rate.of_network.len() <= MAX_NETWORKS);
         let later = at(7000) + Duration::from_secs(3);
         assert!(rate.allows(ip("10.9.9.9"), later), "three seconds later the memory is free again");
+    }
+    #[test]
+    fn all_links_of_a_guest_share_a_rate_and_each_may_send_only_so_much() {
+        let (rates, begin) = (GuestRates::default(), now());
+        let (mut first, mut second) = (rates.link("observer", begin), rates.link("observer", begin));
+        assert_eq!(first.received.take(FROM_GUEST_BYTES_AT_ONCE as usize, begin), Some(Duration::ZERO));
+        let wait = second.received.take(FROM_GUEST_BYTES_PER_S as usize, begin);
+        assert_eq!(wait, Some(Duration::from_secs(1)), "the first link has used the rate");
+        assert_eq!(rates.link("operator", begin).received.take(300, begin), Some(Duration::ZERO), "another guest");
+        let later = begin + Duration::from_secs(3600);
+        let mut read = 0;
+        while first.received.take(1024, later + Duration::from_secs(read)).is_some() {
+            read += 1;
+        }
+        assert_eq!(read * 1024, FROM_GUEST_BYTES - FROM_GUEST_BYTES_AT_ONCE as u64);
+        drop((first, second));
+        drop(rates.link("operator", later));
+        assert!(rates.0.lock().unwrap().keys().eq(["operator"]), "a guest without links is forgotten");
+    }
+
+    #[test]
+    fn a_link_sends_a_guest_no_more_than_its_rate() {
+        let (rates, begin) = (GuestRates::default(), now());
+        let mut sent = rates.link("observer", begin).sent;
+        let mut at = begin;
+        for _ in 0..2048 {
+            at += sent.take(1024, at).unwrap();
+        }
+        let lasts_s = (at - begin).as_secs_f64();
+        assert!(
+            (2.9..3.1).contains(&lasts_s),
+            "two megabytes in {lasts_s} s: half a megabyte at once, then as much a second"
+        );
     }
 }

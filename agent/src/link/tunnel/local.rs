@@ -29,6 +29,9 @@ mod unix {
 
     /// Longest path of a socket, bytes (the system's limit, with the final NUL, is 108 on Linux and 104 on macOS).
     const MAX_PATH: usize = 100;
+    /// Names of the sockets that the session of the vehicles and the feed listen on.
+    const FLIGHT: &str = "zenoh";
+    const FEED: &str = "feed";
     /// The longest file name that we use in the folder.
     const LONGEST: &str = "/skein-4294967295-4294967295/dial-250.lock";
 
@@ -51,7 +54,11 @@ mod unix {
         }
 
         pub(in super::super) fn zenoh_listens(&self) -> String {
-            zenoh_endpoint(&self.folder.join("zenoh"))
+            zenoh_endpoint(&self.folder.join(FLIGHT))
+        }
+
+        pub(in super::super) fn feed_listens(&self) -> String {
+            zenoh_endpoint(&self.folder.join(FEED))
         }
 
         pub(in super::super) fn zenoh_dials(&self) -> Vec<String> {
@@ -63,7 +70,11 @@ mod unix {
         }
 
         pub(in super::super) fn zenoh(&self, _: &Session) -> io::Result<ZenohListener> {
-            Ok(ZenohListener(self.folder.join("zenoh")))
+            Ok(ZenohListener(self.folder.join(FLIGHT)))
+        }
+
+        pub(in super::super) fn feed(&self, _: &Session) -> io::Result<ZenohListener> {
+            Ok(ZenohListener(self.folder.join(FEED)))
         }
     }
 
@@ -186,6 +197,10 @@ mod loopback {
             "tcp/127.0.0.1:0".to_owned()
         }
 
+        pub(in super::super) fn feed_listens(&self) -> String {
+            "tcp/127.0.0.1:0".to_owned()
+        }
+
         pub(in super::super) fn zenoh_dials(&self) -> Vec<String> {
             self.dials.clone()
         }
@@ -198,6 +213,10 @@ mod loopback {
             let locators = session.info().locators().wait();
             let address = locators.iter().find_map(|locator| locator.address().as_str().parse().ok());
             address.map(ZenohListener).ok_or_else(|| io::Error::other("Zenoh reports no address that it listens on"))
+        }
+
+        pub(in super::super) fn feed(&self, session: &Session) -> io::Result<ZenohListener> {
+            self.zenoh(session)
         }
     }
 

@@ -17,7 +17,7 @@ pub struct VehicleTraffic {
     pub vehicle: String,
     /// Time over which messages were counted, s.
     pub counted_s: f64,
-    /// Links with other agents and with observers when the team's figures ended. A flight in virtual time has none.
+    /// Links with other agents, and on plain links with observers, when the team's figures ended. A flight in virtual time has none.
     pub links: Option<u32>,
     /// Messages of all kinds and senders, a second.
     pub messages_per_s: f64,

@@ -1,5 +1,7 @@
 //! Which messages of a node with a link are accepted.
 
+use zenoh::handlers::FifoChannel;
+
 use super::*;
 
 /// The other tests rely on this: without signatures every forged message is accepted.
@@ -37,8 +39,7 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
     let observer = swarm.guest(swarm.authority.tls("observer"));
     let operator = swarm.guest(swarm.authority.tls("operator"));
     let observer = observer.first();
-    let subscriber =
-        |key| observer.declare_subscriber(key).with(zenoh::handlers::FifoChannel::new(4096)).wait().unwrap();
+    let subscriber = |key| observer.declare_subscriber(key).with(FifoChannel::new(4096)).wait().unwrap();
     let (states, missions, events, traces) =
         (subscriber(all::STATES), subscriber(all::MISSIONS), subscriber(all::EVENTS), subscriber(all::TRACES));
     let healths = subscriber(all::HEALTH);
@@ -170,6 +171,7 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
     assert_eq!(message(&received, |message| is_forged(message) && message.sender() == Some(id(1))), None);
 }
 
+/// A guest is linked to the feed, where nothing but orders and queries is received.
 #[test]
 fn observers_and_operators_cannot_send_for_a_vehicle() {
     for who in ["observer", "operator"] {
@@ -177,8 +179,72 @@ fn observers_and_operators_cannot_send_for_a_vehicle() {
         let intruder = swarm.guest(swarm.authority.tls(who));
         wait_until(|| is_linked(intruder.first()));
         let forger = swarm.forger(who);
-        swarm.refuse(|| attack(intruder.first(), &forger));
+        swarm.refuse_orders_alone(|| attack(intruder.first(), &forger));
     }
+}
+
+/// The sessions that a vehicle flies with are linked with the other vehicle only, however many guests there are.
+#[test]
+fn guests_are_linked_to_the_feed_and_receive_what_the_vehicles_publish() {
+    let mut swarm = Swarm::begin("feed");
+    let guests: Vec<_> = ["observer", "operator"].map(|who| swarm.guest(swarm.authority.tls(who))).into();
+    let received = guests.iter().map(|guest| guest.first().declare_subscriber("vehicle/**").wait().unwrap());
+    let received: Vec<_> = received.collect();
+    let mut kinds = vec![BTreeSet::new(); guests.len()];
+    let deadline = now() + TIMEOUT;
+    let expected: BTreeSet<String> =
+        ["vehicle/1/mission", "vehicle/1/state", "vehicle/2/mission", "vehicle/2/state"].map(str::to_owned).into();
+    while kinds.iter().any(|kinds| *kinds != expected) {
+        assert!(now() < deadline, "{kinds:?}");
+        swarm.exchange(1, || {});
+        swarm.one.publish_mission(&mission(1, swarm.sequence));
+        swarm.two.publish_mission(&mission(2, swarm.sequence));
+        for (kinds, received) in kinds.iter_mut().zip(&received) {
+            let keys = received.drain().map(|sample| sample.key_expr().as_str().replace("cell/0/0/", ""));
+            kinds.extend(keys);
+        }
+    }
+    for link in [&swarm.one, &swarm.two] {
+        let flown = link.sessions.all.iter().map(|session| session.info().peers_zid().wait().count());
+        assert_eq!(flown.sum::<usize>(), 1, "the other vehicle");
+        let feed = link.sessions.feed.as_ref().unwrap();
+        assert_eq!(feed.info().peers_zid().wait().count(), guests.len());
+    }
+}
+
+/// What a guest may declare in one link is bounded, because the feed remembers it until the link ends.
+#[test]
+fn a_guest_that_declares_without_end_loses_its_link_and_delays_no_vehicle() {
+    let mut swarm = Swarm::begin("declares");
+    let tls = swarm.authority.tls("observer");
+    // Otherwise it would end the link itself, when a declaration is not accepted at once.
+    let patient = ("transport/link/tx/queue/congestion_control/block/wait_before_close", json!(60_000_000));
+    let open =
+        |listen: &[String], dial: &[String]| open_zenoh(&swarm.name, listen, dial, std::slice::from_ref(&patient));
+    let intruder = Sessions::open_through(Tunnel::open(&[], &swarm.endpoints, Some(&tls)).unwrap(), open).unwrap();
+    let links = |link: &Link| link.sessions.feed.as_ref().unwrap().info().peers_zid().wait().count();
+    wait_until(|| [&swarm.one, &swarm.two].iter().all(|link| links(link) == 1));
+    let is_over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut subscribers = Vec::new();
+            while !is_over.load(Relaxed) {
+                let key = format!("nothing/{}", subscribers.len());
+                subscribers.push(intruder.first().declare_subscriber(key).with(FifoChannel::new(1)).wait().unwrap());
+            }
+        });
+        let mut keep = [true; 2];
+        let deadline = now() + Duration::from_secs(60);
+        while keep.contains(&true) {
+            assert!(now() < deadline, "links are kept: {keep:?}");
+            swarm.exchange(1, || {});
+            for (keep, link) in keep.iter_mut().zip([&swarm.one, &swarm.two]) {
+                *keep &= links(link) == 1;
+            }
+        }
+        is_over.store(true, Relaxed);
+    });
+    swarm.exchange(ROUNDS, || {});
 }
 
 /// Vehicle 3 replays vehicle 1's messages, after vehicle 1 has gone, to an agent that never received them.
