@@ -50,7 +50,7 @@ impl Tuning {
         Self { written: Box::new(written), tuned: None }
     }
 
-    /// Takes the settings in force, of which `all_know` tells whether all other members know it, and moves the present values
+    /// Takes the settings in force, of which `all_know` returns whether all other members know it, and moves the present values
     /// towards them by `dt_s`. Returns the scenario to fly if a value has changed.
     pub fn step(
         &mut self,

@@ -125,7 +125,7 @@ impl Tunnel {
         (!self.listeners.is_empty()).then(|| self.locals.zenoh_listens())
     }
 
-    /// Local endpoint for the feed to listen on, if guests can dial this host and be told from vehicles: only a certificate
+    /// Local endpoint for the feed to listen on, if guests can dial this host and be distinguished from vehicles: only a certificate
     /// says which of the two dials.
     pub(super) fn feed_listens(&self) -> Option<String> {
         let is_secured = self.shared.tls_context.is_some();

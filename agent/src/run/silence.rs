@@ -61,8 +61,7 @@ impl SilenceMonitor {
         for peer in self.peers.values_mut().filter(|_| !is_late) {
             peer.silent_s += since_s;
         }
-        for nth in 0..arrived.len() {
-            let Received { message, at } = arrived[nth];
+        for &Received { message, at } in &*arrived {
             match message {
                 PeerMessage::State(_) | PeerMessage::Mission(_) => {
                     let Some(id) = message.sender() else { continue };

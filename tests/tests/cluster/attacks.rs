@@ -73,7 +73,7 @@ pub(super) fn print() {
         let done = attacker.wait_with_output().map(|ended| String::from_utf8_lossy(&ended.stdout).into_owned());
         print_line(&format!("{name:<11} {row} {back_s:>6.2}"));
         let said = done.unwrap_or_default();
-        said.lines().filter(|line| line.starts_with("attack:")).next_back().into_iter().for_each(print_line);
+        said.lines().rfind(|line| line.starts_with("attack:")).into_iter().for_each(print_line);
         sleep(BEGINS);
         assert!(sky.now().all(HOSTS.into(), |vehicle| vehicle.is_active), "a vehicle is lost: {:?}", sky.now());
     }
