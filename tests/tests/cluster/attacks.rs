@@ -63,13 +63,15 @@ pub(super) fn print() {
     ));
     // Another vehicle each time, because a supervisor waits longer before each further start.
     for ((name, _), restarted) in ATTACKS.into_iter().zip(FIRST + 1..) {
-        let attacker = start(&flight.lab, name);
+        let mut attacker = start(&flight.lab, name);
         sleep(BEGINS);
         let from_s = now_s();
         sleep(MEASURED);
         let row = Row::of(&flight.lab, &sky, from_s);
         let back_s = flight.restart(&sky, restarted);
         flight.lab.stranger().processes(&["attacker"]).into_iter().for_each(kill);
+        // `nsenter` stops with a program that stops.
+        let _ = attacker.kill();
         let done = attacker.wait_with_output().map(|ended| String::from_utf8_lossy(&ended.stdout).into_owned());
         print_line(&format!("{name:<11} {row} {back_s:>6.2}"));
         let said = done.unwrap_or_default();

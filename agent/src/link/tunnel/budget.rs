@@ -17,12 +17,12 @@ const ALL_HANDSHAKES_AT_ONCE: f64 = 256.0;
 const MAX_NETWORKS: usize = 4096;
 
 /// Bytes a second that all links of one guest's certificate may send together on average, and at once. An observer sends its
-/// subscriptions, a query of a clock twice a second, and orders of 300 bytes.
-const FROM_GUEST_BYTES_PER_S: f64 = 16_384.0;
-const FROM_GUEST_BYTES_AT_ONCE: f64 = 65_536.0;
+/// subscriptions of 20 bytes, a few bytes a second to keep the link, and orders of 300 bytes.
+const FROM_GUEST_BYTES_PER_S: f64 = 2_048.0;
+const FROM_GUEST_BYTES_AT_ONCE: f64 = 16_384.0;
 /// Bytes that a guest may send in one link. Zenoh remembers each declaration of a link until the link ends, in many times
 /// its length. An observer has a new link within a second.
-const FROM_GUEST_BYTES: u64 = 262_144;
+const FROM_GUEST_BYTES: u64 = 65_536;
 /// Bytes a second that the feed sends on one link on average, and at once: many times the traces of one vehicle. What is too much
 /// for a link, Zenoh drops.
 const TO_GUEST_BYTES_PER_S: f64 = 524_288.0;
