@@ -20,6 +20,8 @@ use crate::sample::VehicleSample;
 pub(super) const LARGE: usize = 100;
 /// A vehicle out of contact is dead-reckoned with its last velocity for at most this time, s.
 const DEAD_RECKONED_S: f64 = 5.0;
+/// A vehicle of a fleet's recording that is further below its altitude climbs or lands, m.
+const AT_ALTITUDE_M: f64 = 1.0;
 /// In a swarm with more vehicles than this, distances to the nearest are left out: there are too many pairs.
 const MOST_NEAREST: usize = 600;
 
@@ -228,12 +230,15 @@ impl Vehicle {
         flags.iter().enumerate().map(|(bit, is_set)| u8::from(*is_set) << bit).sum()
     }
 
-    /// A vehicle of a fleet's recording, which has places only; `None` if it is not in the recording at this time.
-    pub(super) fn of_place(name: VehicleName, played: Option<&PlayedPlace>) -> Self {
+    /// A vehicle of a fleet's recording, which has places only; `None` if it is not in the recording at this time. It counts as
+    /// in place at the altitude of its step.
+    pub(super) fn of_place(name: VehicleName, played: Option<&PlayedPlace>, scenario: &Scenario) -> Self {
         let Some(PlayedPlace { place, velocity_ne_m_s }) = played else {
             return Self { id: name.to_string(), ..Self::default() };
         };
         let [north_m_s, east_m_s] = *velocity_ne_m_s;
+        let step = scenario.mission.steps.get(place.step as usize);
+        let altitude_m = step.map_or(scenario.formation.altitude_m, |step| step.formation.altitude_m);
         let is_moving = Vector2::from(*velocity_ne_m_s).norm() > 0.2;
         let heading_rad = if is_moving { skein_common::math::atan2(east_m_s, north_m_s) } else { 0.0 };
         Self {
@@ -245,7 +250,7 @@ impl Vehicle {
             altitude_m: Some(rounded(place.altitude_m)),
             velocity_ned_m_s: Some([rounded(north_m_s), rounded(east_m_s), 0.0]),
             attitude_rad: Some([0.0, 0.0, rounded(heading_rad)]),
-            is_in_place: true,
+            is_in_place: place.altitude_m > altitude_m - AT_ALTITUDE_M,
             ..Self::default()
         }
     }

@@ -195,8 +195,15 @@ fn a_large_swarm_is_sent_as_bytes_with_the_details_that_a_page_asks_for() {
     let team = Team::new(&scenario("swarm.vehicles = 101\nstart.square_m = 300.0\nformation.radius_m = 200.0"));
     let place = |number: u8| VehiclePlace { id: id(number), step: 2, north_m: 3.5, east_m: -1.0, altitude_m: 30.0 };
     let played = |number: u8| PlayedPlace { place: place(number), velocity_ne_m_s: [0.0, 5.0] };
+    // Vehicle 2 is not in the recording at this time, and vehicle 3 still climbs.
+    let of = |number: u8| (number != 2).then(|| played(number));
+    let climbs = |mut played: PlayedPlace| {
+        played.place.altitude_m = 12.0;
+        played
+    };
+    let played = |number: u8| if number == 3 { of(number).map(climbs) } else { of(number) };
     let all = (1..=101)
-        .map(|number| Vehicle::of_place(VehicleName::from(id(number)), (number != 2).then(|| played(number)).as_ref()));
+        .map(|number| Vehicle::of_place(VehicleName::from(id(number)), played(number).as_ref(), &team.scenario));
     let status = Status::plain("101 vehicles".to_owned());
     let large = Snapshot { t_s: Some(7.5), at_ms: 0, status, vehicles: all.collect(), teams: Vec::new() };
     assert_eq!(team.scenario.swarm.vehicles, large.vehicles.len());
@@ -214,7 +221,7 @@ fn a_large_swarm_is_sent_as_bytes_with_the_details_that_a_page_asks_for() {
     let of = |nth: usize| [0, 1, 2, 3].map(|column| float(column, nth));
     assert_eq!(of(0), [3.5, -1.0, 30.0, 1.571], "it heads east");
     assert!(of(1).iter().all(|number| number.is_nan()), "not in the recording");
-    assert_eq!((bytes[16 + 16 * 101], bytes[16 + 16 * 101 + 1]), (0b101, 0));
+    assert_eq!(bytes[16 + 16 * 101..][..3], [0b101, 0, 0b1], "in contact and in place, absent, in contact");
 }
 
 #[test]
