@@ -35,12 +35,9 @@ const MEASURED_EVERY: Duration = Duration::from_secs(20);
 /// Time that the landing and the figures take beyond the flight.
 const ENDS_WITHIN: Duration = Duration::from_secs(300);
 /// Growth of memory below which a process counts as constant, MB an hour, over the second half of the flight.
-const MOST_MB_PER_H: f64 = 1.0;
-/// Memory that Zenoh keeps of every session that another process has ended, MB: 4 kB of its routing tables and what the allocator
-/// adds ([zenoh#2248](https://github.com/eclipse-zenoh/zenoh/issues/2248)).
-const MB_PER_SESSION: f64 = 0.008;
-/// Growth of `fly`, MB an hour: its recording keeps the index in memory until its end, 1.3 kB for each of 18,000 chunks an hour.
-const MOST_OF_FLY_MB_PER_H: f64 = 30.0;
+const MOST_MB_PER_H: f64 = 2.0;
+/// The same of `fly`, whose recording keeps its index in memory until its end.
+const MOST_OF_FLY_MB_PER_H: f64 = 20.0;
 /// Descriptors and threads by which the last quarter's most may exceed those of the first half.
 const MOST_MORE: usize = 4;
 
@@ -283,12 +280,11 @@ impl Soak {
         }
         self.write_samples();
         let mut faults = Vec::new();
-        // A status, a page and an agent that is killed have one session with each agent.
+        // A status, a page and an agent that is killed had one session with each agent, of which Zenoh keeps some kB.
         let script = fs::read_to_string(self.folder.join("soak.toml")).unwrap();
         let given = |what: &str| script.matches(&format!("= \"{what}\"")).count();
         let sessions =
             given("kill") + ["status", "page served"].iter().filter_map(|what| self.counts.get(what)).sum::<usize>();
-        let of_sessions_mb_per_h = sessions as f64 * MB_PER_SESSION / (duration_s / 3600.0);
         let all_the_time = |samples: &[Sample]| samples.first().is_some_and(|first| first.t_s < duration_s / 4.0);
         let lasting = self.samples.iter().filter(|(_, samples)| {
             all_the_time(samples) && samples.last().is_some_and(|last| last.t_s > duration_s * 0.9)
@@ -301,12 +297,7 @@ impl Soak {
                 let within = samples.iter().filter(|sample| (range[0]..range[1]).contains(&(sample.t_s / duration_s)));
                 within.map(|sample| value(&sample.of)).max().unwrap_or(0)
             };
-            let most_mb_per_h = match name.split(' ').next() {
-                Some("fly") => MOST_OF_FLY_MB_PER_H,
-                Some("agent") => MOST_MB_PER_H + of_sessions_mb_per_h,
-                _ => MOST_MB_PER_H,
-            };
-            if growth > most_mb_per_h {
+            if growth > if name == "fly" { MOST_OF_FLY_MB_PER_H } else { MOST_MB_PER_H } {
                 faults.push(format!("{name}: memory grows by {growth:.2} MB/h"));
             }
             for (what, value) in

@@ -234,7 +234,7 @@ fn a_guest_that_declares_without_end_loses_its_link_and_delays_no_vehicle() {
             }
         });
         let mut keep = [true; 2];
-        let deadline = now() + Duration::from_secs(90);
+        let deadline = now() + Duration::from_secs(60);
         while keep.contains(&true) {
             assert!(now() < deadline, "links are kept: {keep:?}");
             swarm.exchange(1, || {});
