@@ -79,14 +79,14 @@ impl Tuning {
 impl Tuned {
     /// Begins the new settings, all of them at once, if all know them or have had the time. Returns whether any has begun.
     fn begin(&mut self, dt_s: f64, orders: &StandingOrders, all_know: impl Fn(&Order) -> bool) -> bool {
-        let mut new =
-            orders.settings().iter().map(|(_, order)| order).filter(|order| !self.begun.contain(order)).peekable();
-        if new.peek().is_none() {
+        let begun = self.begun.settings();
+        if begun == orders.settings() {
             self.waited_s = 0.0;
             return false;
         }
         self.waited_s += dt_s.clamp(0.0, LONGEST_STEP_S);
-        if !Deadline::SettingBegins.is_past(self.waited_s) && !new.all(all_know) {
+        let mut new = orders.settings().iter().filter(|setting| !begun.contains(setting));
+        if !Deadline::SettingBegins.is_past(self.waited_s) && !new.all(|(_, order)| all_know(order)) {
             return false;
         }
         orders.settings().iter().for_each(|(_, order)| _ = self.begun.merge(*order));

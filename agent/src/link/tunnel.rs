@@ -79,7 +79,7 @@ pub(super) struct Tunnel {
     locals: Locals,
     /// Carries the links with vehicles. Taken on drop, because a runtime must not wait for its own last thread.
     runtime: Option<Runtime>,
-    /// Completes handshakes of hosts that dial, and carries the links with guests. Taken on drop too.
+    /// Completes handshakes of hosts that dial this one, if any do, and carries the links with guests. Taken on drop too.
     for_guests: Option<Runtime>,
 }
 
@@ -105,9 +105,10 @@ impl Tunnel {
             listener.set_nonblocking(true)?;
             Ok(listener)
         };
-        let listeners = listen.iter().map(bind).collect::<io::Result<_>>().map_err(taken)?;
+        let listeners: Vec<_> = listen.iter().map(bind).collect::<io::Result<_>>().map_err(taken)?;
         let thread = |name: &str| Builder::new_multi_thread().worker_threads(1).thread_name(name).enable_all().build();
-        let (runtime, for_guests) = (thread("tunnel").map_err(taken)?, thread("guests").map_err(taken)?);
+        let runtime = thread("tunnel").map_err(taken)?;
+        let for_guests = (!listeners.is_empty()).then(|| thread("guests")).transpose().map_err(taken)?;
         let locals = runtime.block_on(async { Locals::open(dial) }).map_err(taken)?;
         // Only a certificate identifies the vehicle at the other end.
         let presence = if tls_context.is_some() { Presence::by_links() } else { Presence::by_tokens() };
@@ -116,7 +117,7 @@ impl Tunnel {
             listeners,
             locals,
             runtime: Some(runtime),
-            for_guests: Some(for_guests),
+            for_guests,
         })
     }
 
@@ -152,8 +153,8 @@ impl Tunnel {
     /// Starts to carry the traffic of the listening session and of the feed, if there are any, and of every session that
     /// dials a local socket.
     pub(super) fn carry(&mut self, listening: Option<&Session>, feed: Option<&Session>) -> io::Result<()> {
-        let (Some(runtime), Some(for_guests)) = (&self.runtime, &self.for_guests) else { return Ok(()) };
-        if let Some(session) = listening {
+        let Some(runtime) = &self.runtime else { return Ok(()) };
+        if let (Some(session), Some(for_guests)) = (listening, &self.for_guests) {
             let host = Arc::new(Host {
                 shared: self.shared.clone(),
                 zenoh: self.locals.zenoh(session)?,
