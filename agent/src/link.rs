@@ -250,7 +250,7 @@ impl Link {
             subscribe(session, &branch.all(all::STATES), &receiver, clock)?;
             subscribe(session, &branch.all(all::MISSIONS), &receiver, clock)?;
         }
-        // All that an agent takes from an operator, who is linked to the feed.
+        // An operator is linked to the feed. Orders are the only messages that an agent takes from there.
         for session in sessions.published() {
             subscribe(session, &branch.all(all::ORDERS), &receiver, clock)?;
         }

@@ -1,4 +1,4 @@
-//! What happens in the world of one seed: who lies, how the clocks and the network are, which faults and orders come.
+//! The plan of one seed's world: which node lies, how wrong the clocks are, how bad the network is, and when faults and orders come.
 
 use std::fmt;
 

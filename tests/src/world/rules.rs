@@ -93,7 +93,7 @@ struct Known {
     vouched: u32,
     /// Whether it followed the liar while no honest agent was in contact.
     is_misled: bool,
-    /// Whether an order has sent it ahead of the others, who do not follow.
+    /// Whether an order to this vehicle alone has sent it to a later step than the others.
     was_sent_ahead: bool,
     /// The newest state that its view of a peer can hold.
     views: BTreeMap<VehicleId, usize>,
@@ -298,7 +298,7 @@ impl Rules {
         let agent = agent.agent();
         let (step, reached) = (agent.at_step(), agent.reached());
         let in_contact = agent.peers_in_contact();
-        // An order to it alone sends a vehicle ahead of the others, who do not follow.
+        // An order to one vehicle sends it to a later step. The others stay at theirs.
         let ahead = self.given.iter().filter(|order| order.vehicles.is_some() && order.is_to(id));
         let ahead = ahead.filter_map(step_of).max();
         let sees_honest = !in_contact.both(self.honest).is_empty();
