@@ -19,7 +19,7 @@ const LEGEND: [&str; 6] = [
     "Hz: simulator frames per second   jitter: latest frame of the last second, ms; bad above a frame's period, 1000/Hz",
     "peers: in contact, of all others   age: of the oldest peer state, delay included, ms (> if a delay is unknown)",
     "clock ms: ahead of the swarm's clock, ± bound (! if more than 20 ms off; flight does not depend on it)",
-    "links: with other agents   o/i: messages published and received, a second, since its start",
+    "links: with other agents, without keys observers too   o/i: messages published and received, a second, since its start",
     "fault: what has failed, named below   refused: messages not believed since the start, named below",
 ];
 /// What the rows of teams show.
