@@ -3,7 +3,7 @@
 mod probe;
 pub(crate) mod reset;
 pub(crate) mod survey;
-pub(crate) mod web;
+pub mod web;
 
 use std::fmt;
 use std::net::ToSocketAddrs;

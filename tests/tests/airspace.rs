@@ -1,9 +1,20 @@
 //! The airspace in virtual time: every law keeps a fence through its formation and passes obstacles without a collision.
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
+use skein_common::frame::Origin;
+use skein_common::id::{Incarnation, VehicleId};
 use skein_common::math;
 use skein_common::scenario::StaticObstacle;
 use skein_common::state::Activity;
+use skein_common::time::{LocalTime, Now};
+use skein_core::agent::{Agent, Inputs};
+use skein_core::aircraft::Aircraft;
+use skein_core::control::Rules;
+use skein_core::formation::Workspace;
+use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
+use skein_core::peers::Broadcast;
+use skein_core::plant::{Command, Measurement};
+use skein_core::strangers::StrangersReceived;
 use skein_lab::metrics::{Report, Run};
 use skein_lab::recording::{Recording, Step};
 use skein_tests::{of_scenario, scenario};
@@ -86,4 +97,59 @@ fn vehicles_are_kept_at_the_floor_above_the_ground_and_land_below_it() {
             assert_eq!(last, if nth == 0 { Activity::Landed } else { Activity::Formation }, "{law}");
         }
     }
+}
+
+/// Height of the ground above the origin, m: flat, then a slope of 1 in 5, then a plateau of 25 m.
+fn ground_m(north_m: f64) -> f64 {
+    (0.2 * (north_m - 60.0)).clamp(0.0, 25.0)
+}
+
+/// The built-in plant stands on flat ground, so that the hill is in what the vehicle measures: its height above the ground.
+#[test]
+fn a_vehicle_climbs_over_a_hill_on_its_path_and_returns_to_its_altitude() {
+    let path = "mission.steps=[{ hold_s = 15 }, { path_ne_m = [[0, 0], [300, 0], [0, 0]], speed_m_s = 2 }]";
+    let floor = "airspace.floor_above_ground_m=15";
+    let scenario = scenario("flock.toml", &["swarm.vehicles=1", "formation.altitude_m=30", floor, path]);
+    let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
+    let id = VehicleId::new(1).unwrap();
+    let mut agent = Agent::new(&scenario, id, Incarnation(1), &aircraft, Rules::shipped()).unwrap();
+    let origin = Origin::new(scenario.origin.geodetic());
+    let calm = Weather::default();
+    let mut vehicle = BuiltInVehicle::new(&origin, aircraft.helicopter.as_ref().unwrap(), &Start::default(), &calm, 1, id);
+    let mut workspace = Workspace::default();
+    // Above the ground and above the origin, once the vehicle follows its path.
+    let (mut heights_m, mut altitudes_m, mut furthest_m) = (Vec::new(), Vec::new(), 0.0_f64);
+    for _ in 0..18_000 {
+        let frame = vehicle.frame();
+        let truth = frame.truth;
+        let height_m = truth.height_m - ground_m(truth.position.north_m());
+        let measurement = Measurement { height_m, ..frame.measurement };
+        let now = Now { plant: frame.time, local: LocalTime::from_seconds(frame.time.seconds()) };
+        let inputs = Inputs {
+            measurement: Some(&measurement),
+            received: &[],
+            broadcast: Broadcast::default(),
+            strangers: StrangersReceived::default(),
+            intents: &[],
+            leave: false,
+            answer: None,
+        };
+        let controls = match agent.step(now, &inputs, &mut workspace).command {
+            Some(Command::Controls(controls)) => Some(controls),
+            _ => None,
+        };
+        vehicle.advance(controls);
+        furthest_m = furthest_m.max(truth.position.north_m());
+        if frame.time.seconds() > 40.0 {
+            heights_m.push(height_m);
+            altitudes_m.push(truth.height_m);
+        }
+    }
+    let least_m = heights_m.iter().copied().fold(f64::INFINITY, f64::min);
+    let (highest_m, last_m) = (altitudes_m.iter().copied().fold(0.0, f64::max), *altitudes_m.last().unwrap());
+    println!("{furthest_m:.0} m north; at least {least_m:.1} m above the ground; up to {highest_m:.1} m, at last {last_m:.1} m");
+    assert!(furthest_m > 280.0, "it crosses the hill");
+    assert!(least_m > 13.0, "{least_m} m above the ground");
+    assert!((39.0..42.0).contains(&highest_m), "{highest_m} m above the origin on the plateau");
+    assert!((last_m - 30.0).abs() < 1.0, "{last_m} m above the origin on flat ground again");
 }

@@ -11,6 +11,8 @@ use std::str::FromStr;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use skein_common::id::{SwarmName, VehicleName};
+use x509_parser::certificate::X509Certificate;
+use x509_parser::prelude::FromDer;
 use zenoh::config::EndPoint;
 
 use super::LinkError;
@@ -41,6 +43,26 @@ pub struct Tls {
     pub observers: Vec<String>,
     /// Common name in the operator's certificate.
     pub operator: String,
+}
+
+/// What a certificate says of its owner.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Certified {
+    /// Common name.
+    pub name: String,
+    /// Public key, as its kind encodes it.
+    pub key: Vec<u8>,
+}
+
+/// Reads a certificate (DER). Whether an authority signed it is not checked here.
+///
+/// # Errors
+/// Why it cannot be read, or that it has no common name.
+pub fn certified(certificate: &[u8]) -> Result<Certified, String> {
+    let (_, certificate) = X509Certificate::from_der(certificate).map_err(|error| error.to_string())?;
+    let name = certificate.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
+    let name = name.ok_or("a certificate without a common name")?.to_owned();
+    Ok(Certified { name, key: certificate.public_key().subject_public_key.data.to_vec() })
 }
 
 /// Certificate name and public key of a vehicle.

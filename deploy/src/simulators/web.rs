@@ -64,7 +64,7 @@ impl WebChoice {
 
 /// Why there is no answer of use.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum WebError {
+pub enum WebError {
     /// Nothing answers.
     #[error("no Web API at {0}: {1}")]
     Absent(String, String),
@@ -121,14 +121,8 @@ impl WebApi {
             }
             Err(error) => return Err(error),
         }
-        let Some(listed) = api.get(&format!("{}/datarefs", api.version()))?["data"].as_array().cloned() else {
-            return Err(WebError::Foreign(api.place, "it lists no datarefs".to_owned()));
-        };
-        let entry = |entry: &Value| {
-            let value_type = entry["value_type"].as_str()?.to_owned();
-            Some((entry["name"].as_str()?.to_owned(), Listed { id: entry["id"].as_u64()?, value_type }))
-        };
-        api.datarefs = listed.iter().filter_map(entry).collect();
+        let listed = datarefs(&api.get(&format!("{}/datarefs", api.version()))?);
+        api.datarefs = listed.ok_or_else(|| WebError::Foreign(api.place.clone(), "it lists no datarefs".to_owned()))?;
         Ok(api)
     }
 
@@ -223,20 +217,37 @@ impl WebApi {
         let status = answer.status().as_u16();
         let text = answer.body_mut().with_config().limit(LARGEST).read_to_string();
         let text = text.map_err(|error| WebError::Foreign(self.place.clone(), error.to_string()))?;
-        let body = serde_json::from_str::<Value>(&text);
-        match (status, body) {
-            (403, Ok(body)) if body["error_code"] == "dataref_is_readonly" => {
-                Err(WebError::Refused(status, "the dataref cannot be written".to_owned()))
-            }
-            (403, _) => Err(WebError::Forbidden(self.place.clone())),
-            (200, Ok(body)) => Ok(body),
-            (200, Err(_)) if text.trim().is_empty() => Ok(Value::Null),
-            (200, Err(error)) => Err(WebError::Foreign(self.place.clone(), error.to_string())),
-            (_, body) => {
-                let message =
-                    body.ok().and_then(|body| Some(printable(body["error_message"].as_str()?, MESSAGE_CHARACTERS)));
-                Err(WebError::Refused(status, message.unwrap_or_else(|| "without a reason".to_owned())))
-            }
+        read_answer(&self.place, status, &text)
+    }
+}
+
+/// What an X-Plane at this place answers with this status and text.
+///
+/// # Errors
+/// If it refuses, or the text is not JSON.
+pub fn read_answer(place: &str, status: u16, text: &str) -> Result<Value, WebError> {
+    let body = serde_json::from_str::<Value>(text);
+    match (status, body) {
+        (403, Ok(body)) if body["error_code"] == "dataref_is_readonly" => {
+            Err(WebError::Refused(status, "the dataref cannot be written".to_owned()))
+        }
+        (403, _) => Err(WebError::Forbidden(place.to_owned())),
+        (200, Ok(body)) => Ok(body),
+        (200, Err(_)) if text.trim().is_empty() => Ok(Value::Null),
+        (200, Err(error)) => Err(WebError::Foreign(place.to_owned(), error.to_string())),
+        (_, body) => {
+            let message =
+                body.ok().and_then(|body| Some(printable(body["error_message"].as_str()?, MESSAGE_CHARACTERS)));
+            Err(WebError::Refused(status, message.unwrap_or_else(|| "without a reason".to_owned())))
         }
     }
+}
+
+/// The datarefs in an answer, by their names; `None` if it lists none.
+fn datarefs(answer: &Value) -> Option<BTreeMap<String, Listed>> {
+    let entry = |entry: &Value| {
+        let value_type = entry["value_type"].as_str()?.to_owned();
+        Some((entry["name"].as_str()?.to_owned(), Listed { id: entry["id"].as_u64()?, value_type }))
+    };
+    Some(answer["data"].as_array()?.iter().filter_map(entry).collect())
 }

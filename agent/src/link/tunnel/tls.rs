@@ -17,11 +17,9 @@ use tokio_rustls::rustls::server::WebPkiClientVerifier;
 use tokio_rustls::rustls::version::TLS13;
 use tokio_rustls::rustls::{ClientConfig, CommonState, RootCertStore, ServerConfig};
 use tokio_rustls::{TlsAcceptor, TlsConnector, TlsStream};
-use x509_parser::certificate::X509Certificate;
-use x509_parser::prelude::FromDer;
 
 use crate::link::LinkError;
-use crate::link::security::Tls;
+use crate::link::security::{Certified, Tls, certified};
 use crate::link::signature::VerificationKey;
 
 /// The identified other end of a link.
@@ -118,16 +116,14 @@ impl TlsContext {
 
     /// Identifies the owner of a certificate (DER) that the swarm's authority has signed.
     fn identify(&self, certificate: &[u8]) -> io::Result<Peer> {
-        let (_, certificate) = X509Certificate::from_der(certificate).map_err(refused)?;
-        let name = certificate.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
-        let name = name.ok_or_else(|| refused("a certificate without a common name"))?;
-        let known = self.names.get(name);
+        let Certified { name, key: certified } = certified(certificate).map_err(refused)?;
+        let known = self.names.get(&name);
         let known = known.ok_or_else(|| refused(format!("the certificate name {name:?} is not known here")))?;
         // A replacement for a lost key has the same name.
-        if known.is_some_and(|(_, key)| *certificate.public_key().subject_public_key.data != key.to_bytes()) {
+        if known.is_some_and(|(_, key)| *certified != key.to_bytes()) {
             return Err(refused(format!("the certificate {name:?} is for a key that is not known here")));
         }
-        Ok(Peer { name: name.to_owned(), vehicle: known.map(|(id, _)| id) })
+        Ok(Peer { vehicle: known.map(|(id, _)| id), name })
     }
 }
 

@@ -1,21 +1,15 @@
-//! Strategies for damaged inputs.
+//! Damages examples at random.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
-use proptest::test_runner::Config;
 
-/// Numbers that are often treated wrongly.
-const NUMBERS: [f64; 8] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.0, f64::MAX, f64::MIN_POSITIVE, 1e9, -1.0];
-/// Longest noise, bytes.
+use super::NUMBERS;
+
+/// Longest noise beside examples, bytes.
 const LONGEST_NOISE: usize = 600;
-
-/// Runs this many cases in CI, and a multiple of them by hand.
-pub(super) fn cases(ci: u32) -> Config {
-    let times = std::env::var("SKEIN_FUZZ").map_or(1, |times| times.parse().expect("SKEIN_FUZZ is a whole number"));
-    // Most numbers are not plausible, and a strategy then draws again.
-    Config { cases: ci * times, failure_persistence: None, max_local_rejects: u32::MAX, ..Config::default() }
-}
+/// Longest noise where there are no examples, bytes: a sequence of many steps is made of it.
+const LONGEST_SEQUENCE: usize = 12_000;
 
 /// A change of some bytes.
 #[derive(Clone, Debug)]
@@ -71,22 +65,14 @@ fn noise(most: usize) -> impl Strategy<Value = Vec<u8>> {
     vec(any::<u8>(), 0..most)
 }
 
-/// One of these examples with some damage, or noise.
-pub(super) fn damaged(examples: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
-    let near = (select(examples), vec(damage(), 0..5)).prop_map(|(mut bytes, damages)| {
+/// One of these examples with some damage, or noise; long noise if there are no examples.
+pub(super) fn inputs(examples: &[Vec<u8>]) -> BoxedStrategy<Vec<u8>> {
+    if examples.is_empty() {
+        return noise(LONGEST_SEQUENCE).boxed();
+    }
+    let near = (select(examples.to_vec()), vec(damage(), 0..5)).prop_map(|(mut bytes, damages)| {
         damages.iter().for_each(|damage| damage.apply(&mut bytes));
         bytes
     });
-    prop_oneof![9 => near, 1 => noise(LONGEST_NOISE)]
-}
-
-/// One of these texts with some damage, or noise.
-pub(super) fn damaged_text(examples: &[&str]) -> impl Strategy<Value = String> {
-    damaged(examples.iter().map(|example| example.as_bytes().to_vec()).collect())
-        .prop_map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
-}
-
-/// Any number, often one of those that are treated wrongly or one of the usual size.
-pub(super) fn number() -> impl Strategy<Value = f64> {
-    prop_oneof![2 => -100.0..100.0, 1 => any::<f64>(), 1 => select(&NUMBERS[..])]
+    prop_oneof![9 => near, 1 => noise(LONGEST_NOISE)].boxed()
 }

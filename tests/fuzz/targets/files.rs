@@ -3,18 +3,19 @@
 use std::fs;
 use std::path::Path;
 
-use proptest::prelude::*;
 use skein::cluster::protocol::{Answer, Request};
 use skein::inventory::Inventory;
+use skein::simulators::web::read_answer;
 use skein_agent::inputs::InputsReader;
+use skein_agent::link::security::{Certified, certified};
 use skein_common::message::Message;
 use skein_common::scenario::{Described, Source, load_any};
 use skein_core::aircraft::Aircraft;
+use skein_fuzz::{explore, explore_text};
 use skein_lab::record::{self, Player};
 use skein_lab::study::record_run;
 use skein_tests::{SHIPPED, study};
 
-use super::inputs::{cases, damaged, damaged_text};
 
 #[test]
 fn a_damaged_recording_is_refused_or_read_and_its_repair_is_whole() {
@@ -24,14 +25,14 @@ fn a_damaged_recording_is_refused_or_read_and_its_repair_is_whole() {
     record_run(&study("hover.toml", &["swarm.vehicles=2", "duration_s=2"]), 1, as_flown, &path).unwrap();
     let recording = fs::read(&path).unwrap();
     assert!(record::read(&path).is_ok(), "the example is a recording");
-    proptest!(cases(150), |(bytes in damaged(vec![recording]))| {
+    explore(150, &[recording], |bytes| {
         let path = folder.path().join("damaged.mcap");
-        fs::write(&path, &bytes).unwrap();
+        fs::write(&path, bytes).unwrap();
         let _ = record::read(&path);
         play(&path);
         if let Ok(record::Repaired { to: Some(repaired), messages, .. }) = record::repair(&path) {
             let again = record::repair(&repaired).unwrap();
-            prop_assert_eq!((again.to, again.messages), (None, messages));
+            assert_eq!((again.to, again.messages), (None, messages));
             fs::remove_file(repaired).unwrap();
         }
     });
@@ -62,7 +63,7 @@ fn damaged_inputs_of_an_agent_are_refused_or_read_up_to_the_damage() {
     };
     let all = steps(file);
     assert!(all > 50, "the example has steps");
-    proptest!(cases(300), |(bytes in damaged(vec![file.to_vec()]))| prop_assert!(steps(&bytes) <= 2 * all));
+    explore(300, &[file.to_vec()], |bytes| assert!(steps(bytes) <= bytes.len()));
 }
 
 #[test]
@@ -73,13 +74,13 @@ fn a_damaged_scenario_is_refused_or_what_flies_of_it_reads_back() {
     let examples = [examples[0], examples[1], fleet];
     let load = |text: &str| load_any(&Source { name: "damaged.toml", text }, &[]);
     examples.iter().for_each(|text| drop(load(text).unwrap()));
-    proptest!(cases(1_000), |(text in damaged_text(&examples))| match load(&text) {
+    explore_text(1_000, &examples, |text| match load(text) {
         Ok(described) => {
             let again = load(&described.to_toml()).unwrap();
             let flown = |described: &Described| described.all().iter().map(|loaded| loaded.scenario.clone()).collect::<Vec<_>>();
-            prop_assert_eq!(flown(&again), flown(&described));
+            assert_eq!(flown(&again), flown(&described));
         }
-        Err(error) => prop_assert!(error.to_string().starts_with("damaged.toml"), "{}", error),
+        Err(error) => assert!(error.to_string().starts_with("damaged.toml"), "{}", error),
     });
 }
 
@@ -87,9 +88,9 @@ fn a_damaged_scenario_is_refused_or_what_flies_of_it_reads_back() {
 fn a_damaged_aircraft_is_refused_or_has_a_flight_model_of_finite_numbers() {
     let examples = [Aircraft::SHIPPED[0].1, Aircraft::TO_FIT[0].1];
     assert!(Aircraft::from_text("aircraft.toml", examples[0]).is_ok(), "the example is an aircraft");
-    proptest!(cases(2_000), |(text in damaged_text(&examples))| match Aircraft::from_text("damaged.toml", &text) {
-        Ok(aircraft) => prop_assert!(aircraft.take_off_rotor_rad_s().is_none_or(|speed| speed.is_finite() && speed > 0.0)),
-        Err(error) => prop_assert!(error.to_string().starts_with("damaged.toml"), "{}", error),
+    explore_text(2_000, &examples, |text| match Aircraft::from_text("damaged.toml", text) {
+        Ok(aircraft) => assert!(aircraft.take_off_rotor_rad_s().is_none_or(|speed| speed.is_finite() && speed > 0.0)),
+        Err(error) => assert!(error.to_string().starts_with("damaged.toml"), "{}", error),
     });
 }
 
@@ -112,10 +113,10 @@ fn a_damaged_cluster_file_is_refused_or_read() {
     for example in examples {
         read(example).unwrap();
     }
-    proptest!(cases(3_000), |(text in damaged_text(&examples))| {
+    explore_text(3_000, &examples, |text| {
         // An error is made of the text, so that it is written too.
-        if let Err(error) = read(&text) {
-            prop_assert!(!error.to_string().is_empty());
+        if let Err(error) = read(text) {
+            assert!(!error.to_string().is_empty());
         }
     });
 }
@@ -131,7 +132,7 @@ fn a_damaged_request_or_answer_of_a_host_is_refused_or_stays_the_same() {
         r#"{"Reach":["Taken","Refused",{"No":"timeout"}]}"#,
         r#"{"Carries":null}"#,
     ];
-    let check = |text: &str| {
+    explore_text(20_000, &examples, |text| {
         if let Ok(request) = serde_json::from_str::<Request>(text) {
             let again = serde_json::to_string(&request).unwrap();
             assert_eq!(serde_json::from_str::<Request>(&again).unwrap(), request);
@@ -140,7 +141,39 @@ fn a_damaged_request_or_answer_of_a_host_is_refused_or_stays_the_same() {
             let again = serde_json::to_string(&answer).unwrap();
             assert_eq!(serde_json::from_str::<Answer>(&again).unwrap(), answer);
         }
-    };
-    examples.iter().for_each(|text| check(text));
-    proptest!(cases(20_000), |(text in damaged_text(&examples))| check(&text));
+    });
+}
+
+#[test]
+fn an_answer_of_a_web_api_is_read_or_refused_in_one_short_line() {
+    let examples = [
+        r#"200{"data":[{"id":2051,"name":"sim/time/paused","value_type":"int","is_writable":true}]}"#,
+        r#"200{"api":{"versions":["v1","v2","v3"]},"x-plane":{"version":"12.4.0"}}"#,
+        r#"404{"error_code":"dataref_not_found","error_message":"Dataref doesn't exist"}"#,
+        r#"403{"error_code":"dataref_is_readonly"}"#,
+        r#"403"#,
+    ];
+    explore_text(20_000, &examples, |answer| {
+        let Some((status, text)) = answer.split_at_checked(3) else { return };
+        if let Err(error) = read_answer("127.0.0.1:8086", status.parse().unwrap_or(200), text) {
+            let shown = error.to_string();
+            assert!(!shown.contains(char::is_control) && shown.len() < 1_000, "{shown:?}");
+        }
+    });
+}
+
+#[test]
+fn a_certificate_is_refused_or_names_its_owner_and_key() {
+    let pair = rcgen::KeyPair::generate_for(&rcgen::PKCS_ED25519).unwrap();
+    let mut about = rcgen::CertificateParams::new(["127.0.0.1".to_owned()]).unwrap();
+    about.distinguished_name.push(rcgen::DnType::CommonName, "vehicle-2");
+    let example = about.self_signed(&pair).unwrap().der().to_vec();
+    let read = certified(&example).unwrap();
+    assert_eq!((read.name.as_str(), read.key.as_slice()), ("vehicle-2", pair.public_key_raw()));
+    let within = |bytes: &[u8], part: &[u8]| part.is_empty() || bytes.windows(part.len()).any(|window| window == part);
+    explore(20_000, &[example], |bytes| {
+        if let Ok(Certified { name, key }) = certified(bytes) {
+            assert!(within(bytes, name.as_bytes()) && within(bytes, &key), "both stand in the certificate");
+        }
+    });
 }

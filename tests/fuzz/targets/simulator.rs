@@ -3,8 +3,7 @@
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
 
-use proptest::collection::vec;
-use proptest::prelude::*;
+use arbitrary::{Result, Unstructured};
 use skein_agent::plant::xplane::client::{Client, Indices};
 use skein_agent::plant::xplane::server::{Server, Surroundings, Version};
 use skein_agent::plant::xplane::wire::aircraft::{Move, Physics};
@@ -20,10 +19,11 @@ use skein_common::frame::{Geodetic, Origin};
 use skein_common::time::PlantTime;
 use skein_core::aircraft::Profile;
 use skein_core::plant::{Command, Controls, Frame, GroundTruth};
+use skein_fuzz::explore;
 use skein_host::clock::now;
 
 use super::agent::measurement;
-use super::inputs::{cases, damaged, number};
+use super::draws::{number, parts, sometimes};
 
 const SIMULATOR: Ipv4Addr = Ipv4Addr::LOCALHOST;
 const DATAREFS: [&str; 8] = [
@@ -149,27 +149,44 @@ fn decode_as_each(datagram: &[u8]) {
     let _ = (aircraft::Load::decode(datagram), radr::RadarRequest::decode(datagram));
 }
 
-fn sender() -> impl Strategy<Value = SocketAddr> {
-    (0_u8..3, 0_u16..3).prop_map(|(host, port)| (Ipv4Addr::new(127, 0, 0, 1 + host), 5000 + port).into())
+fn sender(from: &mut Unstructured) -> Result<SocketAddr> {
+    let (host, port) = (from.int_in_range(1..=3)?, from.int_in_range(5000..=5002)?);
+    Ok((Ipv4Addr::new(127, 0, 0, host), port).into())
+}
+
+/// One of these datagrams, in half of the cases with damage, or noise.
+fn datagram(from: &mut Unstructured, examples: &[Vec<u8>]) -> Result<Vec<u8>> {
+    let mut datagram = from.choose(examples)?.clone();
+    while !datagram.is_empty() && sometimes(from, 0.5)? {
+        let at = from.choose_index(datagram.len())?;
+        match from.int_in_range(0..=4)? {
+            0 => datagram.truncate(at),
+            1 => datagram.extend(from.arbitrary::<[u8; 8]>()?),
+            2 => datagram.iter_mut().skip(at).zip((number(from)? as f32).to_le_bytes()).for_each(|(old, new)| *old = new),
+            3 => datagram.iter_mut().skip(at).zip(number(from)?.to_le_bytes()).for_each(|(old, new)| *old = new),
+            _ => datagram[at] = from.arbitrary()?,
+        }
+    }
+    Ok(datagram)
 }
 
 #[test]
 fn a_datagram_is_refused_or_decoded() {
-    let examples = [requests(), replies(&[1, 2, 3])].concat();
-    examples.iter().for_each(|example| decode_as_each(example));
-    proptest!(cases(40_000), |(datagram in damaged(examples))| decode_as_each(&datagram));
+    explore(40_000, &[requests(), replies(&[1, 2, 3])].concat(), decode_as_each);
 }
 
 #[test]
 fn the_stand_in_takes_any_datagram_and_sends_only_whole_messages() {
-    let received = vec((damaged(requests()), sender()), 0..40);
-    proptest!(cases(2_000), |(received in received, is_11 in any::<bool>())| {
-        let version = if is_11 { Version::V11 } else { Version::V12 };
+    let requests = requests();
+    explore(1_000, &[], |bytes| {
+        let mut from = Unstructured::new(bytes);
+        let version = if from.arbitrary().unwrap_or(false) { Version::V11 } else { Version::V12 };
         let mut server = Server::new(version, 50, Surroundings::default());
+        let received = parts(&mut from, 40, |from| Ok((datagram(from, &requests)?, sender(from)?)));
         for (nth, (datagram, from)) in received.iter().enumerate() {
             let _ = server.handle(datagram, *from);
             let controls = server.take_controls();
-            prop_assert!(controls.is_none_or(|controls| controls.is_within_limits()), "{controls:?}");
+            assert!(controls.is_none_or(|controls| controls.is_within_limits()), "{controls:?}");
             let frame = Frame {
                 time: PlantTime::from_seconds(0.02 * nth as f64),
                 measurement: measurement(),
@@ -202,27 +219,31 @@ fn an_agent_takes_any_datagram_and_writes_only_controls_within_their_travel() {
         })
     };
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
-    let step = (damaged(replies(&indices)), sender(), 0_u64..60, [number(), number(), number(), number()]);
-    proptest!(cases(2_000), |(steps in vec(step, 0..60))| {
+    let replies = replies(&indices);
+    explore(1_000, &[], |bytes| {
+        let steps = parts(&mut Unstructured::new(bytes), 60, |from| {
+            let received = (datagram(from, &replies)?, sender(from)?, from.int_in_range(0..=60)?);
+            Ok((received, [number(from)?, number(from)?, number(from)?, number(from)?]))
+        });
         let mut client = Client::new(&origin, &Profile::default(), 50, drawn().unwrap()).unwrap();
         let mut at = now();
         let mut sent: Vec<Vec<u8>> = Vec::new();
-        for (datagram, from, later_ms, [roll, pitch, yaw, collective]) in steps {
+        for ((datagram, from, later_ms), [roll, pitch, yaw, collective]) in steps {
             at += Duration::from_millis(later_ms);
             client.renew(at, &mut |datagram| sent.push(datagram.to_vec()));
             client.receive(&datagram, from, IpAddr::V4(SIMULATOR), at);
             if let Some(frame) = client.frame() {
-                prop_assert!(frame.truth.position.is_finite() && frame.measurement.velocity.is_finite());
-                prop_assert!(frame.measurement.attitude.is_finite() && frame.measurement.rates.is_finite());
+                assert!(frame.truth.position.is_finite() && frame.measurement.velocity.is_finite());
+                assert!(frame.measurement.attitude.is_finite() && frame.measurement.rates.is_finite());
             }
             let controls = Command::Controls(Controls { roll, pitch, yaw, collective });
             client.command(controls, at, &mut |datagram| sent.push(datagram.to_vec()));
             for datagram in sent.drain(..) {
                 let Ok(Write { path, value }) = Write::decode(&datagram) else {
-                    prop_assert!(PositionRequest::decode(&datagram).is_ok() || DatarefRequest::decode(&datagram).is_ok());
+                    assert!(PositionRequest::decode(&datagram).is_ok() || DatarefRequest::decode(&datagram).is_ok());
                     continue;
                 };
-                prop_assert!((-1.0..=1.0).contains(&value), "{path} = {value}");
+                assert!((-1.0..=1.0).contains(&value), "{path} = {value}");
             }
         }
     });
