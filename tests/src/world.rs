@@ -83,6 +83,10 @@ pub struct WorldFlight {
     pub largest: LinkSizes,
     /// Latest mission step that the agents have earned.
     pub steps: u32,
+    /// Number of times that an agent entered a step where another one had to be too.
+    pub awaited: u64,
+    /// Number of times that a side advanced where only a majority may.
+    pub majorities: u64,
     /// The first broken invariant.
     pub violation: Option<Violation>,
     /// Differs if anything in the flight differs.
@@ -208,7 +212,7 @@ impl World {
         };
         let computers = ids.iter().copied().zip(&starts).filter(|(id, _)| *id != plan.liar).map(computer).collect();
         let network = Network::new(&plan, Chance::new(plan.seed, None, Purpose::Network));
-        let rules = Rules::new(Origin::new(scenario.origin.geodetic()), plan_hash, honest);
+        let rules = Rules::new(Origin::new(scenario.origin.geodetic()), plan_hash, honest, plan.has_quorum_policy);
         let mut flight = WorldFlight { seed: plan.seed, ..WorldFlight::default() };
         for fault in &plan.faults {
             *flight.faults.entry(fault.kind).or_default() += 1;
@@ -530,6 +534,8 @@ impl World {
         self.flight.lies = self.liar.lies;
         self.flight.largest = self.rules.largest;
         self.flight.steps = self.rules.earned();
+        self.flight.awaited = self.rules.awaited;
+        self.flight.majorities = self.rules.advances_of_majorities();
         self.flight.violation = self.rules.violation;
         self.flight
     }

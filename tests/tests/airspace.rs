@@ -115,7 +115,8 @@ fn a_vehicle_climbs_over_a_hill_on_its_path_and_returns_to_its_altitude() {
     let mut agent = Agent::new(&scenario, id, Incarnation(1), &aircraft, Rules::shipped()).unwrap();
     let origin = Origin::new(scenario.origin.geodetic());
     let calm = Weather::default();
-    let mut vehicle = BuiltInVehicle::new(&origin, aircraft.helicopter.as_ref().unwrap(), &Start::default(), &calm, 1, id);
+    let mut vehicle =
+        BuiltInVehicle::new(&origin, aircraft.helicopter.as_ref().unwrap(), &Start::default(), &calm, 1, id);
     let mut workspace = Workspace::default();
     // Above the ground and above the origin, once the vehicle follows its path.
     let (mut heights_m, mut altitudes_m, mut furthest_m) = (Vec::new(), Vec::new(), 0.0_f64);
@@ -147,7 +148,9 @@ fn a_vehicle_climbs_over_a_hill_on_its_path_and_returns_to_its_altitude() {
     }
     let least_m = heights_m.iter().copied().fold(f64::INFINITY, f64::min);
     let (highest_m, last_m) = (altitudes_m.iter().copied().fold(0.0, f64::max), *altitudes_m.last().unwrap());
-    println!("{furthest_m:.0} m north; at least {least_m:.1} m above the ground; up to {highest_m:.1} m, at last {last_m:.1} m");
+    println!(
+        "{furthest_m:.0} m north; at least {least_m:.1} m above the ground; up to {highest_m:.1} m, at last {last_m:.1} m"
+    );
     assert!(furthest_m > 280.0, "it crosses the hill");
     assert!(least_m > 13.0, "{least_m} m above the ground");
     assert!((39.0..42.0).contains(&highest_m), "{highest_m} m above the origin on the plateau");

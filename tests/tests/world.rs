@@ -30,6 +30,8 @@ fn no_seed_of_the_world_breaks_an_invariant() {
     assert!(sum(|flight| flight.orders.into()) > 3 * SEEDS, "orders were given");
     assert!(sum(|flight| flight.restarts.into()) > SEEDS, "agents were restarted");
     assert!(sum(|flight| flight.steps.into()) > 3 * SEEDS, "the swarms flew their missions");
+    assert!(sum(|flight| flight.awaited) > SEEDS, "vehicles had to be awaited");
+    assert!(sum(|flight| flight.majorities) > SEEDS / 2, "majorities advanced");
     let longest_rejoin_s = flights.iter().map(|flight| flight.longest_rejoin_s).fold(0.0, f64::max);
     assert!(longest_rejoin_s > 1.0, "the longest rejoin took {longest_rejoin_s:.2} s");
 }

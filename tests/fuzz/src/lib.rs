@@ -15,7 +15,8 @@ use std::panic::AssertUnwindSafe;
 use proptest::test_runner::{Config, TestError, TestRunner};
 
 /// Numbers that are often treated wrongly.
-pub const NUMBERS: [f64; 8] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.0, f64::MAX, f64::MIN_POSITIVE, 1e9, -1.0];
+pub const NUMBERS: [f64; 8] =
+    [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.0, f64::MAX, f64::MIN_POSITIVE, 1e9, -1.0];
 
 /// Checks each example, and as many damaged ones as CI has time for. Without examples every input is noise. The environment
 /// variable `SKEIN_FUZZ` multiplies the number of inputs.
@@ -57,7 +58,16 @@ pub fn explore(_inputs_in_ci: u32, examples: &[Vec<u8>], check: impl Fn(&[u8])) 
     };
     let corpus = location.work_dir().expect("the sources are there").join("corpus");
     std::fs::create_dir_all(&corpus).expect("the corpus can be written");
-    for (nth, example) in examples.iter().enumerate() {
+    // Where there are no examples, noise is long enough for many steps from the beginning.
+    let noise = || {
+        let mut state = 1_u32;
+        std::iter::repeat_with(move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            state.to_be_bytes()[0]
+        })
+    };
+    let noise: Vec<Vec<u8>> = [100, 500, 2_000, 8_000].map(|length| noise().take(length).collect()).into();
+    for (nth, example) in if examples.is_empty() { &noise } else { examples }.iter().enumerate() {
         std::fs::write(corpus.join(format!("example-{nth}")), example).expect("the corpus can be written");
     }
     if location.should_run() {

@@ -64,6 +64,7 @@ fn scenario(sets: &[&str]) -> Scenario {
 }
 
 /// An agent with its clocks.
+#[derive(Clone)]
 struct Flight {
     agent: Agent,
     now: Now,
@@ -211,7 +212,8 @@ fn any_order(from: &mut Unstructured) -> Result<Order> {
         }
     };
     let of_some = !matches!(verb, Verb::Set(_)) && sometimes(from, 0.5)?;
-    let some = |from: &mut Unstructured| Ok(several(from, 3, |from| Ok(id(from.int_in_range(1..=5)?)))?.into_iter().collect());
+    let some =
+        |from: &mut Unstructured| Ok(several(from, 3, |from| Ok(id(from.int_in_range(1..=5)?)))?.into_iter().collect());
     let vehicles = if of_some { Some(some(from)?) } else { None };
     Ok(Order { epoch: from.arbitrary()?, issuer: from.arbitrary()?, verb, vehicles, signature: None })
 }
@@ -253,8 +255,7 @@ fn any_area(from: &mut Unstructured) -> Result<Area> {
 
 /// An intent of a vehicle of another team, as the link hands it on.
 fn any_intent(from: &mut Unstructured) -> Result<ReceivedIntent> {
-    let intent =
-        Intent { header: any_header(from)?, occupied: any_area(from)?, wanted: option(from, 0.5, any_area)? };
+    let intent = Intent { header: any_header(from)?, occupied: any_area(from)?, wanted: option(from, 0.5, any_area)? };
     Ok(ReceivedIntent::new(any_team(from)?, &received(&intent)?, &origin(), LocalTime::default()))
 }
 
@@ -336,12 +337,11 @@ fn any_step(from: &mut Unstructured, plan: u64) -> Result<Step> {
 
 #[test]
 fn no_sequence_of_inputs_gives_a_control_outside_its_travel() {
-    let plans = FLIGHTS.map(|sets| scenario(sets).plan_hash());
+    let flights = FLIGHTS.map(|sets| (Flight::new(sets), scenario(sets).plan_hash()));
     explore(1_500, &[], |bytes| {
         let mut from = Unstructured::new(bytes);
-        let nth = from.choose_index(FLIGHTS.len()).unwrap_or(0);
-        let mut flight = Flight::new(FLIGHTS[nth]);
-        parts(&mut from, 80, |from| any_step(from, plans[nth])).iter().for_each(|step| flight.step(step));
+        let (mut flight, plan) = from.choose(&flights).cloned().unwrap_or(flights[0].clone());
+        parts(&mut from, 80, |from| any_step(from, plan)).iter().for_each(|step| flight.step(step));
     });
 }
 

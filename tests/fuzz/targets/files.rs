@@ -16,7 +16,6 @@ use skein_lab::record::{self, Player};
 use skein_lab::study::record_run;
 use skein_tests::{SHIPPED, study};
 
-
 #[test]
 fn a_damaged_recording_is_refused_or_read_and_its_repair_is_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -77,7 +76,9 @@ fn a_damaged_scenario_is_refused_or_what_flies_of_it_reads_back() {
     explore_text(1_000, &examples, |text| match load(text) {
         Ok(described) => {
             let again = load(&described.to_toml()).unwrap();
-            let flown = |described: &Described| described.all().iter().map(|loaded| loaded.scenario.clone()).collect::<Vec<_>>();
+            let flown = |described: &Described| {
+                described.all().iter().map(|loaded| loaded.scenario.clone()).collect::<Vec<_>>()
+            };
             assert_eq!(flown(&again), flown(&described));
         }
         Err(error) => assert!(error.to_string().starts_with("damaged.toml"), "{}", error),

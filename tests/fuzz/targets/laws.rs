@@ -6,7 +6,6 @@ use skein_fuzz::{NUMBERS, explore, explore_text};
 use skein_host::external::protocol::{self, MessageFromLaw};
 use skein_host::external::vector;
 
-
 const RULES: [(&str, &str); 4] = [
     ("roll.fis", include_str!("../../../deploy/controllers/roll.fis")),
     ("pitch.fis", include_str!("../../../deploy/controllers/pitch.fis")),

@@ -7,9 +7,9 @@ use skein_agent::link::signature::messages::KeyRing;
 use skein_common::frame::{Attitude, Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{
-    Area, ClockAnswer, ClockOffset, Drops, Encoding, Event, EventKind, Failure, Header, Health, Heartbeat, Intent, Message,
-    Order, PeerContact, PeerHealth, Reason, Refused, Signature, SimulatorFault, State, Summary, Trace, Traffic,
-    VERSION, Verb, decode, encode,
+    Area, ClockAnswer, ClockOffset, Drops, Encoding, Event, EventKind, Failure, Header, Health, Heartbeat, Intent,
+    Message, Order, PeerContact, PeerHealth, Reason, Refused, Signature, SimulatorFault, State, Summary, Trace,
+    Traffic, VERSION, Verb, decode, encode,
 };
 use skein_common::scenario::{Setting, TunableKey};
 use skein_common::state::{Activity, Membership, PeerStatus, VehicleState};

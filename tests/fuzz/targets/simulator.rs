@@ -162,7 +162,9 @@ fn datagram(from: &mut Unstructured, examples: &[Vec<u8>]) -> Result<Vec<u8>> {
         match from.int_in_range(0..=4)? {
             0 => datagram.truncate(at),
             1 => datagram.extend(from.arbitrary::<[u8; 8]>()?),
-            2 => datagram.iter_mut().skip(at).zip((number(from)? as f32).to_le_bytes()).for_each(|(old, new)| *old = new),
+            2 => {
+                datagram.iter_mut().skip(at).zip((number(from)? as f32).to_le_bytes()).for_each(|(old, new)| *old = new)
+            }
             3 => datagram.iter_mut().skip(at).zip(number(from)?.to_le_bytes()).for_each(|(old, new)| *old = new),
             _ => datagram[at] = from.arbitrary()?,
         }

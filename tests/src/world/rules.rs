@@ -35,8 +35,12 @@ pub(super) const CONTROLS: &str = "controls within limits";
 pub(super) const P1: &str = "P1: neither step nor reached nor vouched decreases in one incarnation";
 /// As in the model check of the agreement.
 pub(super) const P2: &str = "P2: an agent that advances has received from every peer in view that it reached the step";
+/// As in the model check of the agreement; a settled agent is one that no honest agent has doubted since.
+pub(super) const P3: &str = "P3: no agent passes a step before all settled agents reached it";
 /// As in the model check of the agreement.
 pub(super) const P4: &str = "P4: no step begins before an agent reached the one before";
+/// As in the model check of the agreement: any two sides that advance under the policy `quorum` have a vehicle in common.
+pub(super) const P7: &str = "P7: the two sides of a cut never both advance without the other";
 /// As in the model check of the agreement.
 pub(super) const VOUCHED: &str = "no agent vouches for a step that no honest agent has earned";
 /// As in the model check of the agreement: rule (b) and the end of P5.
@@ -116,6 +120,14 @@ pub(super) struct Rules {
     given: Vec<Order>,
     /// The latest step that an honest agent has earned.
     earned: u32,
+    /// The step that was earned when an honest agent doubted a vehicle the last time: it was not in contact, or not yet an active
+    /// member.
+    doubted: BTreeMap<VehicleId, u32>,
+    /// Whether only a majority may advance, and the sides that have: an agent with those in contact with it.
+    has_quorum_policy: bool,
+    sides: Vec<VehicleSet>,
+    /// Number of times that an agent entered a step and another one had to be there too.
+    pub(super) awaited: u64,
     /// Largest numbers of entries so far.
     pub(super) largest: LinkSizes,
     /// The first violation.
@@ -123,9 +135,29 @@ pub(super) struct Rules {
 }
 
 impl Rules {
-    pub(super) fn new(origin: Origin, plan: u64, honest: VehicleSet) -> Self {
+    pub(super) fn new(origin: Origin, plan: u64, honest: VehicleSet, has_quorum_policy: bool) -> Self {
         let (sent, known, given, earned, largest, violation) = Default::default();
-        Self { origin, plan, honest, sent, known, given, earned, largest, violation }
+        let (doubted, sides, awaited) = Default::default();
+        Self {
+            origin,
+            plan,
+            honest,
+            sent,
+            known,
+            given,
+            earned,
+            doubted,
+            has_quorum_policy,
+            sides,
+            awaited,
+            largest,
+            violation,
+        }
+    }
+
+    /// Number of times that a side advanced where only a majority may.
+    pub(super) fn advances_of_majorities(&self) -> u64 {
+        self.sides.len() as u64
     }
 
     /// Notes a violation, unless there is one already.
@@ -136,6 +168,7 @@ impl Rules {
     /// Notes that an agent starts: what the last one knew is forgotten.
     pub(super) fn agent_starts(&mut self, id: VehicleId) {
         self.known.insert(id, Known::default());
+        self.doubted.insert(id, self.earned);
     }
 
     /// Notes an order that the operator signs.
@@ -361,8 +394,54 @@ impl Rules {
             }
             known.vouched = *vouched;
         }
+        let passes =
+            step > known.step && !known.is_misled && !self.given.iter().filter_map(step_of).any(|to| to >= step);
         (known.step, known.reached) = (step, reached);
+        let is_carried = vouching >= 2 || in_contact.len() == 1;
+        self.doubt(id, in_contact, agent.membership());
+        if passes {
+            broken.extend(self.check_passing(id, step));
+            if self.has_quorum_policy && !is_carried {
+                broken.extend(self.check_side(id, in_contact));
+            }
+        }
         broken.into_iter().for_each(|(invariant, what)| self.broken(t_s, invariant, what));
+    }
+
+    /// Notes of whom an agent doubts that they take part, and whether it takes part itself.
+    fn doubt(&mut self, id: VehicleId, in_contact: VehicleSet, membership: Membership) {
+        let Some(known) = self.known.get(&id) else { return };
+        let is_member = |other: VehicleId| {
+            let heartbeat = known.heartbeats.get(&other);
+            in_contact.contains(other) && heartbeat.is_some_and(|of| of.membership == Membership::Active)
+        };
+        for other in self.honest.iter() {
+            if if other == id { membership != Membership::Active } else { !is_member(other) } {
+                self.doubted.insert(other, self.earned);
+            }
+        }
+    }
+
+    /// Of an agent that enters a step: the vehicles that nobody has doubted since the step before was earned are there too.
+    fn check_passing(&mut self, id: VehicleId, step: u32) -> Option<(&'static str, String)> {
+        let settled = |other: &VehicleId| *other != id && self.doubted.get(other).is_some_and(|at| *at < step);
+        let settled: Vec<_> = self.honest.iter().filter(settled).collect();
+        self.awaited += settled.len() as u64;
+        let is_late = |other: &VehicleId| {
+            let known = self.known.get(other);
+            known.is_some_and(|of| of.reached < Some(step - 1) && of.step < step)
+        };
+        let late = settled.into_iter().find(is_late)?;
+        Some((P3, format!("vehicle {id} enters step {step} before vehicle {late} has reached the one before")))
+    }
+
+    /// Notes the side of an agent that advances.
+    fn check_side(&mut self, id: VehicleId, in_contact: VehicleSet) -> Option<(&'static str, String)> {
+        let mut side = in_contact;
+        side.insert(id);
+        let other = self.sides.iter().find(|other| other.both(side).is_empty()).copied();
+        self.sides.push(side);
+        other.map(|other| (P7, format!("vehicle {id} advances with {side}, others had with {other}")))
     }
 
     /// Checks the memory of an agent's link.
