@@ -230,7 +230,7 @@ impl Plan {
             orders.push(PlannedOrder { at_s: first.at_s, node: first.node, is_concurrent: true, ..second });
         }
         orders.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
-        Self {
+        let mut plan = Self {
             seed,
             liar,
             pcs,
@@ -242,8 +242,33 @@ impl Plan {
             traced_s: [begins_s, begins_s + 2.0],
             faults,
             orders,
+        };
+        if chance.is_so(0.3) {
+            plan.faults.extend(halves(&mut chance, &honest, &ids));
+            plan.faults.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
         }
+        plan
     }
+}
+
+/// A cut between two honest nodes and the other three. Only the three are a majority.
+fn halves(chance: &mut Chance, honest: &[VehicleId], ids: &[VehicleId]) -> [PlannedFault; 2] {
+    let one = chance.one_of(honest);
+    let pair = [one, chance.one_of(&honest.iter().copied().filter(|id| *id != one).collect::<Vec<_>>())];
+    let at_s = chance.between(8.0, 30.0);
+    let until_s = at_s + chance.between(6.0, 12.0);
+    let others = ids.iter().copied().filter(|id| !pair.contains(id)).collect();
+    let ways = [true, true];
+    pair.map(|node| PlannedFault {
+        at_s,
+        until_s,
+        kind: FaultKind::Cut,
+        node,
+        others,
+        ways,
+        by_s: 0.0,
+        clock_runs: true,
+    })
 }
 
 fn is_of_disk(kind: FaultKind) -> bool {
