@@ -397,11 +397,10 @@ impl Rules {
         let passes =
             step > known.step && !known.is_misled && !self.given.iter().filter_map(step_of).any(|to| to >= step);
         (known.step, known.reached) = (step, reached);
-        let is_carried = vouching >= 2 || in_contact.len() == 1;
         self.doubt(id, in_contact, agent.membership());
         if passes {
             broken.extend(self.check_passing(id, step));
-            if self.has_quorum_policy && !is_carried {
+            if self.has_quorum_policy && vouching < 2 {
                 broken.extend(self.check_side(id, in_contact));
             }
         }
