@@ -244,7 +244,12 @@ impl Plan {
             orders,
         };
         if chance.is_so(0.3) {
-            plan.faults.extend(halves(&mut chance, &honest, &ids));
+            let halves = halves(&mut chance, &honest, &ids);
+            plan.has_quorum_policy = chance.is_so(0.5);
+            // The two sides need all of the cut to fly to their places and advance from there: no order disturbs them.
+            plan.orders.iter_mut().for_each(|order| order.at_s = chance.between(halves[0].until_s, QUIET_FROM_S - 1.0));
+            plan.orders.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
+            plan.faults.extend(halves);
             plan.faults.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
         }
         plan
@@ -255,8 +260,8 @@ impl Plan {
 fn halves(chance: &mut Chance, honest: &[VehicleId], ids: &[VehicleId]) -> [PlannedFault; 2] {
     let one = chance.one_of(honest);
     let pair = [one, chance.one_of(&honest.iter().copied().filter(|id| *id != one).collect::<Vec<_>>())];
-    let at_s = chance.between(8.0, 30.0);
-    let until_s = at_s + chance.between(6.0, 12.0);
+    let at_s = chance.between(8.0, 16.0);
+    let until_s = at_s + chance.between(18.0, 24.0);
     let others = ids.iter().copied().filter(|id| !pair.contains(id)).collect();
     let ways = [true, true];
     pair.map(|node| PlannedFault {
