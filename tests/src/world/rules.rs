@@ -407,7 +407,7 @@ impl Rules {
         broken.into_iter().for_each(|(invariant, what)| self.broken(t_s, invariant, what));
     }
 
-    /// Notes of whom an agent doubts that they take part, and whether it takes part itself.
+    /// Notes which vehicles an agent does not know as active members in contact, and itself while it is not active.
     fn doubt(&mut self, id: VehicleId, in_contact: VehicleSet, membership: Membership) {
         let Some(known) = self.known.get(&id) else { return };
         let is_member = |other: VehicleId| {
@@ -421,7 +421,7 @@ impl Rules {
         }
     }
 
-    /// Of an agent that enters a step: the vehicles that nobody has doubted since the step before was earned are there too.
+    /// Of an agent that enters a step: the vehicles that no agent has doubted since the step before was earned have reached it too.
     fn check_passing(&mut self, id: VehicleId, step: u32) -> Option<(&'static str, String)> {
         let settled = |other: &VehicleId| *other != id && self.doubted.get(other).is_some_and(|at| *at < step);
         let settled: Vec<_> = self.honest.iter().filter(settled).collect();
