@@ -7,13 +7,13 @@ mod replay;
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use mcap::records::{Record, op};
 use mcap::sans_io::indexed_reader::{IndexedReadEvent, IndexedReader, IndexedReaderOptions, ReadOrder};
 use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
-use mcap::{MAGIC, McapError, Summary, parse_record};
+use mcap::{MAGIC, McapError, Summary};
 use skein_common::id::{TeamId, VehicleId, VehicleName};
 use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Described, Source, load_any};
@@ -22,6 +22,7 @@ use super::RecordError;
 use super::fleet::{TEAMS, TeamLine, TeamPlaces, VehiclePlace};
 use super::format::{self, EventLine, FaultLine, seconds_since};
 use super::reader::{parse, trace};
+use super::scan::parse_content;
 pub use replay::Replay;
 
 /// Size of the largest record that is read, bytes: a damaged length must not allocate all memory.
@@ -358,7 +359,7 @@ impl OpenFile<'_> {
     fn metadata(&mut self, summary: &Summary, name: &str) -> Result<Option<BTreeMap<String, String>>, RecordError> {
         let Some(index) = summary.metadata_indexes.iter().find(|index| index.name == name) else { return Ok(None) };
         let content = self.record(index.offset, index.length)?;
-        match parse_record(op::METADATA, &content).map_err(unreadable)? {
+        match parse_content(op::METADATA, &content).map_err(unreadable)? {
             Record::Metadata(metadata) if format::is_intact(&metadata) != Some(false) => Ok(Some(metadata.metadata)),
             _ => Err(unreadable(McapError::BadIndex)),
         }
@@ -368,7 +369,7 @@ impl OpenFile<'_> {
         let index = summary.attachment_indexes.iter().find(|index| index.name == format::SCENARIO);
         let index = index.ok_or(RecordError::Missing(format::SCENARIO))?;
         let content = self.record(index.offset, index.length)?;
-        match parse_record(op::ATTACHMENT, &content).map_err(unreadable)? {
+        match parse_content(op::ATTACHMENT, &content).map_err(unreadable)? {
             Record::Attachment { data, .. } => Ok(String::from_utf8_lossy(&data).into_owned()),
             _ => Err(unreadable(McapError::BadIndex)),
         }
@@ -378,7 +379,39 @@ impl OpenFile<'_> {
 /// Size of the prefix of a record, bytes: its kind and its length.
 const PREFIX: usize = 9;
 
+/// Size of the footer and of what ends a file behind it, bytes.
+const FOOTER: u64 = PREFIX as u64 + 20 + MAGIC.len() as u64;
+
+/// Whether an attachment is in the summary, where none belongs: the crate `mcap` would parse it, and panics if it is cut off.
+/// `None` if the file has no summary.
+fn has_attachment_in_summary(file: &mut File) -> Option<bool> {
+    let end = file.metadata().ok()?.len().checked_sub(FOOTER)?;
+    let mut footer = [0; PREFIX + 8];
+    file.seek(SeekFrom::Start(end)).and_then(|_| file.read_exact(&mut footer)).ok()?;
+    let mut at = u64::from_le_bytes(*footer.last_chunk()?);
+    if at == 0 {
+        return None;
+    }
+    file.seek(SeekFrom::Start(at)).ok()?;
+    let mut file = BufReader::new(file);
+    while at < end {
+        let mut prefix = [0; PREFIX];
+        file.read_exact(&mut prefix).ok()?;
+        let length = u64::from_le_bytes(*prefix.last_chunk()?);
+        if prefix[0] == op::ATTACHMENT {
+            return Some(true);
+        }
+        at = at.checked_add(PREFIX as u64)?.checked_add(length)?;
+        file.seek_relative(i64::try_from(length).ok()?).ok()?;
+    }
+    Some(false)
+}
+
 fn read_summary(file: &mut File) -> Result<Option<Summary>, McapError> {
+    if has_attachment_in_summary(file) == Some(true) {
+        return Err(McapError::BadFooter);
+    }
+    file.rewind()?;
     let options = SummaryReaderOptions::default().with_record_length_limit(LARGEST_RECORD);
     let mut reader = SummaryReader::new_with_options(options);
     while let Some(event) = reader.next_event() {

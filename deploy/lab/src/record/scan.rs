@@ -9,7 +9,7 @@ use std::sync::Arc;
 use mcap::read::ChannelAccumulator;
 use mcap::records::{AttachmentHeader, MessageHeader, Metadata, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{Channel, MAGIC, parse_record};
+use mcap::{Channel, MAGIC, McapError, parse_record};
 
 use super::{RecordError, format};
 
@@ -19,6 +19,8 @@ const LARGEST_CHUNK: usize = 1 << 28;
 const PREFIX: usize = 9;
 /// Size of the record behind the last chunk, bytes.
 const DATA_END: usize = 4;
+/// Size of a checksum, bytes.
+const CHECKSUM: usize = 4;
 /// Offset of a chunk's uncompressed size, which its checksum follows, bytes.
 const CHUNK_SIZE: usize = 16;
 
@@ -92,6 +94,27 @@ fn has_checksum(chunk: &[u8]) -> bool {
     is_empty || is_nonzero(CHUNK_SIZE + 8..CHUNK_SIZE + 12)
 }
 
+/// Parses the content of a record of this kind.
+///
+/// # Errors
+/// If the content is not such a record.
+pub(super) fn parse_content(kind: u8, content: &[u8]) -> Result<Record<'_>, McapError> {
+    // The crate `mcap` does not check that an attachment has room for its checksum.
+    if kind == op::ATTACHMENT && attachment_fields(content).is_none_or(|length| content.len() < length + CHECKSUM) {
+        return Err(McapError::UnexpectedEof);
+    }
+    parse_record(kind, content)
+}
+
+/// Length of the fields before an attachment's data, bytes: two times, two texts with their lengths, and the length of the data.
+fn attachment_fields(content: &[u8]) -> Option<usize> {
+    let behind_text = |at: usize| {
+        let length = content.get(at..)?.first_chunk().copied().map(u32::from_le_bytes)?;
+        at.checked_add(4)?.checked_add(usize::try_from(length).ok()?)
+    };
+    behind_text(behind_text(2 * 8)?)?.checked_add(8)
+}
+
 /// Hands a metadata record to `take`. Returns false if the record is damaged: its checksum is wrong, or it has none although an
 /// earlier record has one.
 fn read_metadata(
@@ -99,7 +122,7 @@ fn read_metadata(
     have_checksums: &mut bool,
     take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
 ) -> Result<bool, RecordError> {
-    let Ok(Record::Metadata(metadata)) = parse_record(op::METADATA, content) else { return Ok(false) };
+    let Ok(Record::Metadata(metadata)) = parse_content(op::METADATA, content) else { return Ok(false) };
     let is_intact = format::is_intact(&metadata);
     *have_checksums |= is_intact.is_some();
     if !is_intact.unwrap_or(!*have_checksums) {
@@ -145,7 +168,7 @@ fn read_record(
     channels: &mut ChannelAccumulator<'static>,
     take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
 ) -> Result<bool, RecordError> {
-    let Ok(record) = parse_record(kind, content) else { return Ok(false) };
+    let Ok(record) = parse_content(kind, content) else { return Ok(false) };
     match record {
         Record::Schema { header, data } => return Ok(channels.add_schema(header, data.into_owned().into()).is_ok()),
         Record::Channel(channel) => return Ok(channels.add_channel(channel).is_ok()),

@@ -202,3 +202,28 @@ fn a_fleet_moves_from_place_to_place() {
     let events = player.events().unwrap();
     assert_eq!((events[0].vehicle.unwrap().to_string(), &*events[0].text), ("1/1".to_owned(), "landed"));
 }
+
+/// A record of this kind and content.
+fn record(kind: u8, content: &[u8]) -> Vec<u8> {
+    [&[kind][..], &(content.len() as u64).to_le_bytes(), content].concat()
+}
+
+#[test]
+fn an_attachment_without_room_for_its_checksum_is_damaged_wherever_it_is() {
+    // Two times, two empty texts, no data, and nothing behind.
+    let attachment = record(op::ATTACHMENT, &[0; 32]);
+    let (folder, path) = recording(0);
+    let whole = std::fs::read(&path).unwrap();
+    let damaged = folder.path().join("damaged.mcap");
+    let header = MAGIC.len() + PREFIX + usize::try_from(u64::from_le_bytes(whole[9..17].try_into().unwrap())).unwrap();
+    std::fs::write(&damaged, [&whole[..header], &attachment[..], &whole[header..]].concat()).unwrap();
+    let refused = read(&damaged).unwrap_err().to_string();
+    assert!(refused.contains(format::ENDS), "with damage outside chunks the end has to be recorded: {refused}");
+
+    // The summary begins with the attachment.
+    let footer = whole.len() - usize::try_from(FOOTER).unwrap();
+    let start = usize::try_from(u64::from_le_bytes(whole[footer + 9..footer + 17].try_into().unwrap())).unwrap();
+    std::fs::write(&damaged, [&whole[..start], &attachment[..], &whole[start..]].concat()).unwrap();
+    assert!(Player::open(&damaged).is_err());
+    assert_eq!(read(&damaged).unwrap().tracks.len(), 2, "without the index it is read");
+}
