@@ -415,7 +415,8 @@ impl Rules {
             in_contact.contains(other) && heartbeat.is_some_and(|of| of.membership == Membership::Active)
         };
         for other in self.honest.iter() {
-            if if other == id { membership != Membership::Active } else { !is_member(other) } {
+            let is_sure = if other == id { membership == Membership::Active } else { is_member(other) };
+            if !is_sure {
                 self.doubted.insert(other, self.earned);
             }
         }

@@ -3,6 +3,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
+use proptest::test_runner::{Config, TestError, TestRunner};
 
 use super::NUMBERS;
 
@@ -10,6 +11,27 @@ use super::NUMBERS;
 const LONGEST_NOISE: usize = 600;
 /// Longest noise where there are no examples, bytes: a sequence of many steps is made of it.
 const LONGEST_SEQUENCE: usize = 12_000;
+
+/// Checks each example, and as many damaged ones as CI has time for. Without examples every input is noise. The environment
+/// variable `SKEIN_FUZZ` multiplies the number of inputs.
+///
+/// # Panics
+/// If the check panics; the message shows the smallest input that is found to do so.
+pub fn explore(inputs_in_ci: u32, examples: &[Vec<u8>], check: impl Fn(&[u8])) {
+    let times = std::env::var("SKEIN_FUZZ").map_or(1, |times| times.parse().expect("SKEIN_FUZZ is a whole number"));
+    let config = Config { cases: inputs_in_ci * times, failure_persistence: None, ..Config::default() };
+    examples.iter().for_each(|example| check(example));
+    let ran = TestRunner::new(config).run(&inputs(examples), |input| {
+        check(&input);
+        Ok(())
+    });
+    match ran {
+        Err(TestError::Fail(why, input)) => {
+            panic!("{why}\nsmallest input: {input:?}\nas text: {:?}", String::from_utf8_lossy(&input))
+        }
+        ran => ran.unwrap_or_else(|error| panic!("{error}")),
+    }
+}
 
 /// A change of some bytes.
 #[derive(Clone, Debug)]
@@ -66,7 +88,7 @@ fn noise(most: usize) -> impl Strategy<Value = Vec<u8>> {
 }
 
 /// One of these examples with some damage, or noise; long noise if there are no examples.
-pub(super) fn inputs(examples: &[Vec<u8>]) -> BoxedStrategy<Vec<u8>> {
+fn inputs(examples: &[Vec<u8>]) -> BoxedStrategy<Vec<u8>> {
     if examples.is_empty() {
         return noise(LONGEST_SEQUENCE).boxed();
     }
