@@ -103,7 +103,11 @@ impl Active {
             // A set does not both rise and fall within a segment.
             _ if value == 0.0 && end == 0.0 => None,
             Membership::Gaussian(_) => Some(Self::Curve(*set, offset)),
-            _ => Some(Self::Side(Side { offset, value, slope: (end - value) / (to - from) })),
+            _ => {
+                let slope = (end - value) / (to - from);
+                // A vertical edge at 0 falls within 5·10⁻³²⁴: no number lies between its ends.
+                Some(Self::Side(Side { offset, value, slope: if slope.is_finite() { slope } else { 0.0 } }))
+            }
         }
     }
 }

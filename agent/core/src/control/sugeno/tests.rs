@@ -214,6 +214,21 @@ fn the_compiled_system_has_the_bits_of_the_sums_by_segments() {
     }
 }
 
+#[test]
+fn a_vertical_edge_at_zero_has_an_output_at_zero_and_beside_it() {
+    for zero in [0.0, -0.0] {
+        let rising =
+            variable(&[("trimf", &[-10.0, zero, 0.0]), ("trapmf", &[-12.0, -11.0, 11.0, 12.0])], [-10.0, 10.0]);
+        let rules = vec![rule(&[Some(0)], 0, 1.0), rule(&[Some(1)], 1, 1.0)];
+        let system = Sugeno::new(&system(vec![rising], &[0.0, 1.0], rules)).unwrap();
+        for (x, output) in
+            [(0.0, 0.5), (-0.0, 0.5), (f64::from_bits(1), 1.0), (1.0, 1.0), (-10.0, 1.0), (-5.0, 1.0 / 1.5)]
+        {
+            assert_eq!(system.evaluate(&[x]), Some(output), "at {x}, the edge at {zero}");
+        }
+    }
+}
+
 proptest! {
     #[test]
     fn the_compiled_system_matches_the_definition(x in -9.0..9.0f64, y in -9.0..9.0f64) {
