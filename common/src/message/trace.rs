@@ -111,6 +111,10 @@ pub struct PeerAge {
 }
 
 impl PeerAge {
+    fn is_plausible(&self) -> bool {
+        [self.age_s, self.delivered_age_s].iter().chain(&self.delay_s).all(|number| number.is_finite())
+    }
+
     /// Time since the newest state of the peer arrived, s.
     pub fn silent_s(&self) -> f64 {
         self.age_s - self.delay_s.unwrap_or_default()
@@ -127,7 +131,7 @@ message!(Trace, 16 * 1024, |trace| Author::Vehicle(trace.header.sender), |trace|
         && trace.height_m.is_finite()
         && trace.altitude_setpoint_m.is_finite()
         && pairs.chain(options).chain(trace.controls.iter().flatten()).all(|number| number.is_finite())
-        && trace.peers.iter().all(|peer| peer.age_s.is_finite() && peer.delivered_age_s.is_finite())
+        && trace.peers.iter().all(PeerAge::is_plausible)
         && trace.law_log.len() <= LawNumber::MAX_COUNT
         && trace.law_log.iter().all(LawNumber::is_plausible)
 });

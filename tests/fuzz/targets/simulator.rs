@@ -135,7 +135,10 @@ fn decode_as_each(datagram: &[u8]) {
     if let Ok(pose) = Move::decode(datagram) {
         assert_eq!(Move::decode(&encoded(|out| pose.encode(out))), Ok(pose));
     }
-    if let Ok(beacon) = Beacon::decode(datagram) {
+    // A name that is not UTF-8 is repaired, and may then be too long for a beacon.
+    if let Ok(beacon) = Beacon::decode(datagram)
+        && beacon.name.len() < 500
+    {
         let again = encoded(|out| beacon.encode(out).unwrap());
         assert_eq!(Beacon::decode(&again), Ok(beacon));
     }

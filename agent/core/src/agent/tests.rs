@@ -1,13 +1,13 @@
 use proptest::prelude::*;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNed};
-use skein_common::message::{Heartbeat as MissionMessage, Order, State, Verb};
+use skein_common::message::{Heartbeat as MissionMessage, Order, State, Trace, Verb, decode, encode};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
 
 use super::*;
 use crate::peers::PeerMessage;
-use crate::plant::VelocityCommand;
+use crate::plant::{GroundTruth, VelocityCommand};
 use crate::testing::{header, heartbeat, id, received_state};
 
 mod suspended;
@@ -163,6 +163,20 @@ fn without_any_peer_the_vehicle_holds_its_position() {
     assert_eq!(flight.agent.activity(), Activity::Holding);
     flight.frame(Some(&measured(30.0)), &[PeerMessage::Appeared(id(2)), state_of(2, 2, 80.0)]);
     assert_eq!(flight.agent.activity(), Activity::Formation, "a peer is back");
+}
+
+#[test]
+fn a_trace_with_an_impossible_age_of_a_peer_is_refused() {
+    let mut flight = Flight::new(&scenario(&[]));
+    flight.frame(Some(&measured(30.0)), &[state_of(2, 1, 50.0)]);
+    let now = Now { plant: PlantTime::from_seconds(flight.plant_s), local: LocalTime::from_seconds(flight.local_s) };
+    let trace = flight.agent.trace(now, &GroundTruth::default());
+    assert_eq!((decode(&encode(&trace)).as_ref(), trace.peers.len()), (Ok(&trace), 1));
+    for impossible in [f64::NAN, f64::INFINITY] {
+        let mut wrong = trace.clone();
+        wrong.peers[0].delay_s = Some(impossible);
+        assert!(decode::<Trace>(&encode(&wrong)).is_err(), "{impossible}");
+    }
 }
 
 #[test]
