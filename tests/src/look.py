@@ -60,7 +60,7 @@ def look(path):
             "scene": [],
             "fixes": {},
         }
-        counts, traces, wrong, times = Counter(), {}, set(), []
+        counts, traces, wrong, times, places = Counter(), {}, set(), [], {}
         summary = reader.get_summary()
         # This loop reads JSON; the next one reads Protobuf with its decoder.
         for schema, channel, message in reader.iter_messages(log_time_order=False):
@@ -72,7 +72,9 @@ def look(path):
                 data = json.loads(message.data)
                 wrong |= missing(json.loads(schema.data), data)
                 if topic.endswith("/trace"):
-                    traces[data["header"]["sender"]] = data
+                    sender = data["header"]["sender"]
+                    traces[sender] = data
+                    places[f"vehicle/{sender}", message.log_time] = data["position"]
                     tilt = max(abs(data["attitude"]["roll_rad"]), abs(data["attitude"]["pitch_rad"]))
                     found["tilt_deg"] = max(found["tilt_deg"], math.degrees(tilt))
                 else:
@@ -98,7 +100,8 @@ def look(path):
                     found["upright"][t.child_frame_id] = min(least, entry["up"][2])
             elif schema.name == "foxglove.LocationFix":
                 fix = [decoded.latitude, decoded.longitude, decoded.altitude]
-                found["fixes"][decoded.frame_id] = fix
+                # With the position in the step of the same time.
+                found["fixes"][decoded.frame_id] = [fix, places.get((decoded.frame_id, message.log_time))]
             elif schema.name == "foxglove.SceneUpdate":
                 found["scene"] += [[channel.topic, e.id, e.frame_id] for e in decoded.entities]
             elif schema.name == "foxglove.Log":

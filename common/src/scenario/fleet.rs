@@ -1,10 +1,10 @@
 //! A fleet: teams that share the air. Each has a scenario of its own, which is the file's with the changes of its
 //! `[[team]]` tables, and its own place.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::error::ScenarioError;
-use super::keys::{Key, Kind, Literal, Range};
+use super::keys::{COORDINATES_M, Key, Kind, Literal, Range};
 use super::model::TeamInFleet;
 use super::tree::{Node, Part, Place, Table, Texts, Value, shown};
 use super::{FileKind, KEYS, Loaded, Source, finish};
@@ -20,7 +20,7 @@ pub const FLEET_KEYS: &[Key] = &[
         "places of the teams: a square grid filled from the south-west, a line to the east, or `fleet.places_ne_m`"),
     Key::new("fleet.spacing_m", Kind::Number(Range { min: 0.0, max: 1e5, min_included: false }), Literal::Number(500.0),
         "distance of neighbouring places of a grid or a line; 500 m leave air between two rings of 100 m"),
-    Key::new("fleet.places_ne_m", Kind::Path, Literal::Nothing,
+    Key::new("fleet.places_ne_m", Kind::Points, Literal::Nothing,
         "place of each team, north and east of the origin, for `pattern = \"list\"`"),
     Key::new("fleet.record_hz", Kind::Number(Range { min: 0.01, max: 10.0, min_included: true }), Literal::Number(1.0),
         "rate at which the recording of a fleet has the places of all vehicles; 1 Hz keeps ten minutes of ten thousand vehicles below 200 MB"),
@@ -224,8 +224,32 @@ impl FleetFile {
         self.fleet.at(path).and_then(|node| node.plain().as_float())
     }
 
-    /// The place of each team, north and east of the origin, m.
+    /// The place of each team, north and east of the origin, m: within the range of points, and no two the same.
     fn places(&self, texts: &Texts<'_>) -> Result<Vec<[f64; 2]>, ScenarioError> {
+        let places = self.listed_places(texts)?;
+        let fault = |message: String| {
+            let written = |key| self.fleet.at(key).map(|node| (key, node));
+            let by_default = ("fleet.teams", &self.fleet);
+            let (key, node) = written("fleet.places_ne_m").or_else(|| written("fleet.spacing_m")).unwrap_or(by_default);
+            texts.fault(&node.place, key, message)
+        };
+        let mut taken = BTreeMap::new();
+        for (nth, [north_m, east_m]) in places.iter().enumerate() {
+            let team = nth + 1;
+            if !(COORDINATES_M.contains(*north_m) && COORDINATES_M.contains(*east_m)) {
+                let message = format!("team {team} would be at [{north_m}, {east_m}]; points have the range {COORDINATES_M}");
+                return Err(fault(message));
+            }
+            // Adding 0 makes -0 and 0 the same.
+            if let Some(other) = taken.insert([north_m, east_m].map(|along_m| (along_m + 0.0).to_bits()), team) {
+                return Err(fault(format!("teams {other} and {team} would have the same place")));
+            }
+        }
+        Ok(places)
+    }
+
+    /// The places as the pattern gives them.
+    fn listed_places(&self, texts: &Texts<'_>) -> Result<Vec<[f64; 2]>, ScenarioError> {
         let text = |path| self.fleet.at(path).and_then(|node| node.plain().as_str().map(str::to_owned));
         let pattern = text("fleet.pattern").unwrap_or_else(|| "grid".to_owned());
         let spacing_m = self.number("fleet.spacing_m").unwrap_or(500.0);

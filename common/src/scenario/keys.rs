@@ -13,7 +13,7 @@ use std::fmt;
 use crate::id::VehicleId;
 use crate::scenario::law;
 
-use Kind::{Edges, Free, Id, Ids, Integer, Path, Point, Texts};
+use Kind::{Edges, Free, Id, Ids, Integer, Path, Point, Points, Texts};
 
 pub use nearest::{NEVER_SUGGESTED, matching, most_similar, nearest_of};
 pub(super) use nearest::{nearest, siblings};
@@ -97,7 +97,9 @@ pub enum Kind {
     Edges,
     /// A point: north and east, m.
     Point,
-    /// A list of two points or more.
+    /// A list of one point or more.
+    Points,
+    /// A line through two points or more; no two in a row are equal.
     Path,
     /// A list of tables; their keys are in [`KEYS`] with `[N]`.
     Tables,
@@ -108,7 +110,7 @@ pub enum Kind {
 impl Kind {
     /// Whether the key takes numbers that measure or count something; an id does neither.
     pub fn has_numbers(self) -> bool {
-        matches!(self, Self::Number(_) | Self::NumberOr(..) | Self::Integer(..) | Self::Point | Self::Path)
+        matches!(self, Self::Number(_) | Self::NumberOr(..) | Self::Integer(..) | Self::Point | Self::Points | Self::Path)
     }
 
     /// The range of the numbers, as text.
@@ -117,7 +119,7 @@ impl Kind {
             Self::Number(range) | Self::NumberOr(_, range) => Some(range.to_string()),
             Self::Integer(min, max) => Some(format!("{min} to {max}")),
             Self::Id | Self::Ids | Self::Edges => Some(format!("1 to {}", VehicleId::MAX)),
-            Self::Point | Self::Path => Some(COORDINATES_M.to_string()),
+            Self::Point | Self::Points | Self::Path => Some(COORDINATES_M.to_string()),
             _ => None,
         }
     }
@@ -154,7 +156,7 @@ impl fmt::Display for Kind {
             Self::Ids => f.write_str("list of vehicle ids"),
             Self::Edges => f.write_str("list of pairs of vehicle ids, [[1, 2], [2, 3]]"),
             Self::Point => f.write_str("point [north, east]"),
-            Self::Path => f.write_str("list of points, [[north, east], [north, east]]"),
+            Self::Points | Self::Path => f.write_str("list of points, [[north, east], [north, east]]"),
             Self::Tables => f.write_str("list of tables"),
             Self::Free => f.write_str("table with any keys"),
         }
@@ -333,7 +335,7 @@ pub(super) fn meaning(known: &'static [Key], path: &str) -> Option<Meaning> {
 }
 
 fn is_list(kind: Kind) -> bool {
-    matches!(kind, Texts | Ids | Edges | Point | Path)
+    matches!(kind, Texts | Ids | Edges | Point | Points | Path)
 }
 
 /// The path of the formation's table that corresponds to this table of a step's formation.

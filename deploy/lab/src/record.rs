@@ -7,7 +7,7 @@
 //! | `/events` | `skein.Event`, JSON | events that vehicles reported of themselves |
 //! | `/faults` | `skein.Fault`, JSON | faults that were injected into the swarm |
 //! | `/tf` | `foxglove.FrameTransforms` | frames `vehicle/N` and `centre` in the root frame `world` |
-//! | `/vehicle/N/location` | `foxglove.LocationFix` | position on the globe |
+//! | `/vehicle/N/location` | `foxglove.LocationFix` | position on the globe, twice a second |
 //! | `/scene/vehicles`, `/scene/formation` | `foxglove.SceneUpdate` | helicopters; the formation's ellipse and band |
 //! | `/log` | `foxglove.Log` | events and faults as text |
 //!

@@ -10,7 +10,7 @@ use skein::simulators::web::read_answer;
 use skein_agent::inputs::InputsReader;
 use skein_agent::link::security::{Certified, certified};
 use skein_common::message::Message;
-use skein_common::scenario::{Described, Source, load_any};
+use skein_common::scenario::{Described, Scenario, Source, load_any};
 use skein_core::aircraft::Aircraft;
 use skein_fuzz::{explore, explore_text};
 use skein_lab::record::{self, Player};
@@ -81,6 +81,10 @@ fn a_damaged_scenario_is_refused_or_what_flies_of_it_reads_back() {
                 described.all().iter().map(|loaded| loaded.scenario.clone()).collect::<Vec<_>>()
             };
             assert_eq!(flown(&again), flown(&described));
+            // The recording of a team has the team's own scenario.
+            let first = described.first();
+            let Described::Swarm(alone) = load(&first.to_toml()).unwrap() else { panic!("a team is a swarm") };
+            assert_eq!(alone.scenario, Scenario { team: None, ..first.scenario.clone() });
         }
         Err(error) => assert!(error.to_string().starts_with("damaged.toml"), "{}", error),
     });

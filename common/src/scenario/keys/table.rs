@@ -4,7 +4,7 @@
 //! readers who have never seen the code.
 
 use super::Kind::{
-    Address, Edges, Free, Id, Ids, Integer, Name, OneOf, Path, Point, Tables, Text, Texts, TomlName, True,
+    Address, Edges, Free, Id, Ids, Integer, Name, OneOf, Path, Point, Points, Tables, Text, Texts, TomlName, True,
 };
 use super::Literal::{Bool, Nothing, Required, Same};
 use super::{Key, Kind, Literal, Range, Removed};
@@ -183,7 +183,7 @@ pub const KEYS: &[Key] = &[
         "slots of the laws virtual-structure and displacement-consensus: on the ellipse, in a line abreast, in a V, in rows and columns, or as listed"),
     key("formation.slots.spacing_m", above_zero(1e4), number(20.0),
         "distance between neighbouring slots of a line, v or grid; more than twice safety_distance_m"),
-    key("formation.slots.offsets_ne_m", Path, Nothing,
+    key("formation.slots.offsets_ne_m", Points, Nothing,
         "slots under pattern = \"list\", one for each vehicle: offsets from the centre, turned with heading_deg"),
     key("formation.displacement_consensus.gain_per_s", from(0.0, 10.0), number(0.05),
         "gain k of the differences to the neighbours; with 0.05 sixteen vehicles that all receive each other's state are as fast as a helicopter \

@@ -89,6 +89,13 @@ fn teams_have_different_seeds_and_a_file_of_their_own() {
 }
 
 #[test]
+fn a_fleet_of_one_team_has_a_complete_file() {
+    let described = load_any(&Source { name: "a.toml", text: "swarm.vehicles = 1\nfleet.teams = 1" }, &[]).unwrap();
+    let again = load_any(&Source { name: "again.toml", text: &described.to_toml() }, &[]).unwrap();
+    assert_eq!(described.all()[0].scenario, again.all()[0].scenario);
+}
+
+#[test]
 fn the_complete_file_of_a_fleet_gives_the_same_teams() {
     let text = FLEET.to_owned()
         + "[mission]\nsteps = [{ centre_ne_m = [0, 0] }, { land = true }]\n[[team]]\nids = [4]\nseed = 9\n\
@@ -130,6 +137,15 @@ fn a_fleet_with_a_mistake_is_refused_at_its_position() {
         (
             "[fleet]\nteams = 2\nplaces_ne_m = [[0, 0], [1, 1]]",
             "a.toml:4:15: `fleet.places_ne_m` has no effect: `fleet.pattern` is \"grid\"",
+        ),
+        (
+            "[fleet]\nteams = 4000\npattern = 'line'\nspacing_m = 60",
+            "a.toml:5:13: team 1 would be at [0, -119970]; points have the range -100000 to 100000",
+        ),
+        ("[fleet]\nteams = 2\nspacing_m = 5e-324", "a.toml:4:13: teams 1 and 2 would have the same place"),
+        (
+            "[fleet]\nteams = 3\npattern = 'list'\nplaces_ne_m = [[0, 0], [9, 9], [-0.0, 0]]",
+            "a.toml:5:15: teams 1 and 3 would have the same place",
         ),
         (
             "[fleet]\nteams = 3\npattern = 'list'\nplaces_ne_m = [[0, 0], [1, 1]]",

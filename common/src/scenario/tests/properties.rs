@@ -32,7 +32,7 @@ fn value(kind: Kind) -> BoxedStrategy<String> {
         Kind::Ids => Just("[1, 2]".to_owned()).boxed(),
         Kind::Edges => Just("[[1, 2], [2, 1]]".to_owned()).boxed(),
         Kind::Point => (-500..500i32, -5e2..5e2).prop_map(|(north, east)| format!("[{north}, {east:?}]")).boxed(),
-        Kind::Path => Just("[[0, 0], [3, 4]]".to_owned()).boxed(),
+        Kind::Points | Kind::Path => Just("[[0, 0], [3, 4]]".to_owned()).boxed(),
         Kind::Tables => steps().boxed(),
         Kind::Free => Just("{ gain = 0.3, 'a b' = [1, { c = \"\"\"x\ny\"\"\" }], t = true }".to_owned()).boxed(),
     }

@@ -19,6 +19,9 @@ use crate::faults::InjectedFault;
 
 /// Time after which a silent vehicle no longer determines the drawn centre, s.
 const SILENT_S: f64 = 1.0;
+/// Time from one position on the globe to the next, ns: a map needs no more, and the trace has every position. All vehicles publish
+/// theirs at the same times, so that most chunks of a recording have none, and its index stays small.
+const LOCATION_NS: u64 = 500_000_000;
 
 /// Where the messages of the channels go: into a file, or to the clients of a live server.
 pub trait Sink {
@@ -53,6 +56,8 @@ pub struct Channels<S> {
     formations: Vec<Formation>,
     /// Log time at which each active member was last observed as one, ns.
     members: BTreeMap<VehicleId, u64>,
+    /// The period of [`LOCATION_NS`] in which each vehicle's position on the globe was published last.
+    located: BTreeMap<VehicleId, u64>,
     /// The step whose formation was drawn last.
     drawn: Option<u32>,
     /// Number of steps that were refused because of impossible values.
@@ -85,6 +90,7 @@ impl<S: Sink> Channels<S> {
             ids: scenario.ids().collect(),
             formations: scenario.mission.steps.iter().map(|step| step.formation.clone()).collect(),
             members: BTreeMap::new(),
+            located: BTreeMap::new(),
             drawn: None,
             refused: 0,
             bytes: Vec::new(),
@@ -108,9 +114,10 @@ impl<S: Sink> Channels<S> {
         self.put_json(self.numbers.traces.get(&id).copied(), log_time_ns, trace);
         let transform = || scene::vehicle_transform(time, trace);
         self.put_foxglove(Some(self.numbers.transforms), log_time_ns, transform);
-        if let Some(channel) = self.numbers.locations.get(&id).copied().filter(|channel| self.sink.is_read(*channel)) {
+        let period = log_time_ns / LOCATION_NS;
+        if self.located.insert(id, period) != Some(period) {
             let location = scene::location(time, &self.origin, trace);
-            self.put_foxglove(Some(channel), log_time_ns, || location);
+            self.put_foxglove(self.numbers.locations.get(&id).copied(), log_time_ns, || location);
         }
         self.draw_formation(log_time_ns, trace);
     }

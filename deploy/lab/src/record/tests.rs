@@ -251,3 +251,23 @@ fn a_step_with_impossible_numbers_is_counted_and_the_rest_is_there() {
     let recorder = mcap::read::metadata(&bytes, last).unwrap().metadata;
     assert_eq!((recorder["refused_steps"].as_str(), recorder["dropped"].as_str()), ("1", "7"));
 }
+
+#[test]
+fn vehicles_have_a_position_on_the_globe_twice_a_second_and_together() {
+    let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
+    let (scenario, text) = (&loaded.scenario, loaded.to_toml());
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
+    let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+    let step = steps().into_iter().find(|step| step.header.sender == id(1)).unwrap();
+    // Two seconds with 50 steps each; the second vehicle's steps come 10 ms later.
+    for nth in 0..200 {
+        let mut step = step.clone();
+        step.header.sender = id(nth % 2 + 1);
+        writer.step(u64::from(nth) * 10_000_000, &step);
+    }
+    let bytes = writer.finish(0).unwrap().into_inner();
+    let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
+    let located = messages.filter(|message| message.channel.topic.ends_with("/location"));
+    let times_ms: Vec<u64> = located.map(|message| message.log_time / 1_000_000).collect();
+    assert_eq!(times_ms, [0, 10, 500, 510, 1000, 1010, 1500, 1510]);
+}
