@@ -73,7 +73,9 @@ impl Texts<'_> {
                 self.each(node, path, pair, |item| self.pair(item, path, pair, |end| self.id(end, path)))
             }
             Kind::Point => self.point(node, path),
-            Kind::Points => self.each(node, path, "points, [[north, east], [north, east]]", |item| self.point(item, path)),
+            Kind::Points => {
+                self.each(node, path, "points, [[north, east], [north, east]]", |item| self.point(item, path))
+            }
             Kind::Path => self.path(node, path),
             Kind::Tables => self.tables(node, path),
             Kind::Free => match node.value {

@@ -237,7 +237,8 @@ impl FleetFile {
         for (nth, [north_m, east_m]) in places.iter().enumerate() {
             let team = nth + 1;
             if !(COORDINATES_M.contains(*north_m) && COORDINATES_M.contains(*east_m)) {
-                let message = format!("team {team} would be at [{north_m}, {east_m}]; points have the range {COORDINATES_M}");
+                let message =
+                    format!("team {team} would be at [{north_m}, {east_m}]; points have the range {COORDINATES_M}");
                 return Err(fault(message));
             }
             // Adding 0 makes -0 and 0 the same.

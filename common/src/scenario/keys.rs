@@ -110,7 +110,10 @@ pub enum Kind {
 impl Kind {
     /// Whether the key takes numbers that measure or count something; an id does neither.
     pub fn has_numbers(self) -> bool {
-        matches!(self, Self::Number(_) | Self::NumberOr(..) | Self::Integer(..) | Self::Point | Self::Points | Self::Path)
+        matches!(
+            self,
+            Self::Number(_) | Self::NumberOr(..) | Self::Integer(..) | Self::Point | Self::Points | Self::Path
+        )
     }
 
     /// The range of the numbers, as text.

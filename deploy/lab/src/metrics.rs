@@ -53,6 +53,7 @@ pub mod figures;
 mod fleet;
 mod flock;
 mod graph;
+mod histogram;
 pub mod limits;
 mod measured;
 mod membership;
@@ -76,13 +77,14 @@ use skein_common::message::EventKind;
 use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Target, Vertical};
 
 use crate::faults::InjectedFault;
-use ages::{AgeHistogram, AgeSampling};
+use ages::AgeSampling;
 pub(crate) use crashes::CrashDetector;
 use crashes::Crashes;
 pub use figures::{Direction, WALL_CLOCK_KEYS};
 pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};
 use flock::{Alignment, Following};
 use graph::Graph;
+use histogram::Histogram;
 pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 use membership::Membership;
 use mission::Steps;
@@ -147,9 +149,9 @@ pub struct Metrics {
     max_tilt_rad: f64,
     stick_square: series::Mean,
     effort: Vec<Effort>,
-    ages: AgeHistogram,
+    ages_ms: Histogram,
     sampling: AgeSampling,
-    steps_us: Vec<f64>,
+    steps_us: Histogram,
     /// The vehicles' standings at the last observation.
     standings: Vec<Standing>,
     /// Indices of the live members among the vehicles at the last observation.
@@ -218,9 +220,9 @@ impl Metrics {
             max_tilt_rad: 0.0,
             stick_square: series::Mean::default(),
             effort: vec![Effort::default(); vehicles],
-            ages: AgeHistogram::default(),
+            ages_ms: Histogram::of_ages_ms(),
             sampling: AgeSampling::new(vehicles),
-            steps_us: Vec::new(),
+            steps_us: Histogram::of_steps_us(),
             standings: Vec::with_capacity(vehicles),
             members: Vec::with_capacity(vehicles),
             bearings: Vec::with_capacity(vehicles),
@@ -292,13 +294,13 @@ impl Metrics {
     /// Observes the age of a peer's newest state at one step, s, by the receiver's clock. Leave out lost peers.
     pub fn observe_age(&mut self, age_s: f64) {
         if !self.is_central {
-            self.ages.add(age_s);
+            self.ages_ms.add(age_s * 1e3);
         }
     }
 
     /// Observes the time from a frame's arrival to its last control, µs.
     pub fn observe_step(&mut self, step_us: f64) {
-        self.steps_us.push(step_us);
+        self.steps_us.add(step_us);
     }
 
     /// Replaces the totals over all vehicles since the start.

@@ -78,7 +78,7 @@ impl Place {
 #[test]
 fn a_file_cut_anywhere_is_repaired_up_to_its_last_whole_chunk() {
     let place = Place(tempfile::tempdir().unwrap());
-    let (.., path) = flown(&place.0, &[&SETS[..], &["duration_s=40"]].concat(), 1);
+    let (.., path) = flown(&place.0, &[&SETS[..], &["duration_s=50"]].concat(), 1);
     let (whole, bytes) = (read(&path).unwrap(), fs::read(&path).unwrap());
     let chunks = chunks(&bytes);
     let untouched = repair(&path).unwrap();

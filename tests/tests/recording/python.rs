@@ -78,7 +78,7 @@ fn a_study_opens_in_python_and_agrees_with_its_figures() {
     assert!(close(&found["tilt_deg"], report.max_tilt_deg), "{} {}", found["tilt_deg"], report.max_tilt_deg);
     assert_eq!(found["state_messages"].as_u64(), Some(report.state_messages));
     assert_eq!(found["counts"]["/vehicle/2/trace"], 1_500);
-    assert_eq!(found["counts"]["/vehicle/2/location"], 60);
+    assert_eq!(found["counts"]["/vehicle/2/location"], 61);
     assert_eq!(found["is_ordered"], true);
     assert_eq!(found["span_ns"], Value::from(vec![0, 30_000_000_000_u64]));
     let run = &found["metadata"]["skein.run"];

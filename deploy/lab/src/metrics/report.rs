@@ -8,7 +8,6 @@ use skein_common::scenario::{ModelKind, Scenario};
 use super::series::{Worst, extremes};
 use super::steady::Column;
 use super::{Metrics, STEADY_S};
-use skein_common::statistics::quantile;
 
 /// Identity of a run: scenario, seed and program.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -172,8 +171,7 @@ impl Metrics {
         let delays_after_faults = self.delays_after_faults();
         let collisions = self.separations.collisions();
         let pairs = self.separations.pairs();
-        let mut steps_us = self.steps_us.clone();
-        let live = !steps_us.is_empty();
+        let live = !self.steps_us.is_empty();
         let with_several_steps = |figure: Option<u64>| figure.filter(|_| self.shapes.len() > 1);
         Report {
             run: self.run.clone(),
@@ -230,10 +228,10 @@ impl Metrics {
             transient_s: delays_after_faults[3].1.s(),
             state_messages: self.totals.state_messages,
             state_bytes: self.totals.state_bytes,
-            peer_age_p50_ms: self.ages.quantile_ms(0.5),
-            peer_age_p99_ms: self.ages.quantile_ms(0.99),
-            step_p50_us: quantile(&mut steps_us, 0.5),
-            step_p99_us: quantile(&mut steps_us, 0.99),
+            peer_age_p50_ms: self.ages_ms.quantile(0.5),
+            peer_age_p99_ms: self.ages_ms.quantile(0.99),
+            step_p50_us: self.steps_us.quantile(0.5),
+            step_p99_us: self.steps_us.quantile(0.99),
             frame_overruns: (live || self.is_central).then_some(self.totals.frame_overruns),
             law_misses: self.totals.law_misses,
             wall_s: wall.wall_s,

@@ -258,12 +258,13 @@ fn vehicles_have_a_position_on_the_globe_twice_a_second_and_together() {
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
     let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
     let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
-    let step = steps().into_iter().find(|step| step.header.sender == id(1)).unwrap();
+    let ids = [1, 2].map(|id| VehicleId::new(id).unwrap());
+    let step = &steps()[0];
     // Two seconds with 50 steps each; the second vehicle's steps come 10 ms later.
     for nth in 0..200 {
         let mut step = step.clone();
-        step.header.sender = id(nth % 2 + 1);
-        writer.step(u64::from(nth) * 10_000_000, &step);
+        step.header.sender = ids[nth as usize % 2];
+        writer.step(nth * 10_000_000, &step);
     }
     let bytes = writer.finish(0).unwrap().into_inner();
     let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
