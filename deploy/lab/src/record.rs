@@ -16,8 +16,8 @@
 //! and the complete `scenario.toml` as an attachment.
 //!
 //! **Log time** is in nanoseconds. In virtual time, 0 is the beginning of the window; in real time, log time is the UTC
-//! time at which the recorder received the message. Times read back are rounded to the nanosecond; everything else
-//! comes back bit for bit.
+//! time at which the recorder received the message. Times read back are rounded to the nanosecond. Every other number is written
+//! so that it can be read back to the last bit, as Python does; `serde_json` may miss that bit.
 //!
 //! **Frames**: `world` is east, north, up at the scenario's origin; a vehicle's frame is forward, left, up. The JSON
 //! channels keep the program's own NED and FRD.

@@ -8,6 +8,8 @@ mod guided;
 #[cfg(not(feature = "guided"))]
 mod random;
 
+use serde_json::Value;
+
 #[cfg(feature = "guided")]
 pub use guided::explore;
 #[cfg(not(feature = "guided"))]
@@ -21,4 +23,26 @@ pub const NUMBERS: [f64; 8] =
 pub fn explore_text(inputs_in_ci: u32, examples: &[&str], check: impl Fn(&str)) {
     let examples: Vec<_> = examples.iter().map(|example| example.as_bytes().to_vec()).collect();
     explore(inputs_in_ci, &examples, |bytes| check(&String::from_utf8_lossy(bytes)));
+}
+
+/// The two are the same but for the last digit of a number, which `serde_json` may read differently.
+///
+/// # Panics
+/// They are not.
+pub fn assert_same(one: &Value, other: &Value) {
+    match (one, other) {
+        (Value::Object(one), Value::Object(other)) => {
+            assert!(one.keys().eq(other.keys()));
+            one.values().zip(other.values()).for_each(|(one, other)| assert_same(one, other));
+        }
+        (Value::Array(one), Value::Array(other)) => {
+            assert_eq!(one.len(), other.len());
+            one.iter().zip(other).for_each(|(one, other)| assert_same(one, other));
+        }
+        (Value::Number(one), Value::Number(other)) if one.is_f64() && other.is_f64() => {
+            let (one, other) = (one.as_f64().unwrap(), other.as_f64().unwrap());
+            assert!((one - other).abs() <= 1e-14 * one.abs() + f64::MIN_POSITIVE, "{one} and {other}");
+        }
+        _ => assert_eq!(one, other),
+    }
 }

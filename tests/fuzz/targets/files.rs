@@ -3,7 +3,6 @@
 use std::fs;
 use std::path::Path;
 
-use serde_json::Value;
 use skein::cluster::protocol::{Answer, Request};
 use skein::inventory::Inventory;
 use skein::simulators::web::read_answer;
@@ -12,7 +11,7 @@ use skein_agent::link::security::{Certified, certified};
 use skein_common::message::Message;
 use skein_common::scenario::{Described, Scenario, Source, load_any};
 use skein_core::aircraft::Aircraft;
-use skein_fuzz::{explore, explore_text};
+use skein_fuzz::{assert_same, explore, explore_text};
 use skein_lab::record::{self, Player};
 use skein_lab::study::record_run;
 use skein_tests::{SHIPPED, study};
@@ -125,25 +124,6 @@ fn a_damaged_cluster_file_is_refused_or_read() {
             assert!(!error.to_string().is_empty());
         }
     });
-}
-
-/// The two are the same but for the last digit of a number, which `serde_json` may read differently.
-fn assert_same(one: &Value, other: &Value) {
-    match (one, other) {
-        (Value::Object(one), Value::Object(other)) => {
-            assert!(one.keys().eq(other.keys()));
-            one.values().zip(other.values()).for_each(|(one, other)| assert_same(one, other));
-        }
-        (Value::Array(one), Value::Array(other)) => {
-            assert_eq!(one.len(), other.len());
-            one.iter().zip(other).for_each(|(one, other)| assert_same(one, other));
-        }
-        (Value::Number(one), Value::Number(other)) if one.is_f64() && other.is_f64() => {
-            let (one, other) = (one.as_f64().unwrap(), other.as_f64().unwrap());
-            assert!((one - other).abs() <= 1e-14 * one.abs() + f64::MIN_POSITIVE, "{one} and {other}");
-        }
-        _ => assert_eq!(one, other),
-    }
 }
 
 #[test]

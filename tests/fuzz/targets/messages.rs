@@ -16,7 +16,7 @@ use skein_common::state::{Activity, Membership, PeerStatus, VehicleState};
 use skein_common::time::{PlantTime, SenderStamp};
 use skein_common::topic::{Branch, Cell, Topic};
 
-use skein_fuzz::{explore, explore_text};
+use skein_fuzz::{assert_same, explore, explore_text};
 
 use super::agent::a_trace;
 
@@ -100,12 +100,20 @@ fn examples() -> Vec<Vec<u8>> {
     [&state_and_order[..], &of_a_vehicle, &[encode(&clock), encode(&intent())]].concat()
 }
 
-/// The bytes are refused, or give a plausible message that is encoded and decoded again without a change.
+/// The bytes are refused, or give a plausible message that is encoded and decoded again without a change. Only JSON may change the
+/// last digit of a number.
 fn assert_refused_or_plausible<M: Message + PartialEq + std::fmt::Debug>(bytes: &[u8]) {
     let Ok(message) = decode::<M>(bytes) else { return };
     assert!(message.is_plausible() && bytes.len() <= M::MAX_BYTES);
     assert!(bytes[0] == VERSION || M::ENCODING == Encoding::Json);
-    assert_eq!(decode(&encode(&message)), Ok(message));
+    let encoded = encode(&message);
+    let again: M = decode(&encoded).unwrap();
+    if M::ENCODING == Encoding::Json {
+        let value = |bytes: &[u8]| serde_json::from_slice(bytes).unwrap();
+        assert_same(&value(&encoded), &value(&encode(&again)));
+    } else {
+        assert_eq!(again, message);
+    }
 }
 
 fn assert_each_kind_is_refused_or_plausible(bytes: &[u8]) {
