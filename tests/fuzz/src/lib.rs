@@ -40,8 +40,8 @@ pub fn assert_same(one: &Value, other: &Value) {
             one.iter().zip(other).for_each(|(one, other)| assert_same(one, other));
         }
         (Value::Number(one), Value::Number(other)) if one.is_f64() && other.is_f64() => {
-            let (one, other) = (one.as_f64().unwrap(), other.as_f64().unwrap());
-            assert!((one - other).abs() <= 1e-14 * one.abs() + f64::MIN_POSITIVE, "{one} and {other}");
+            let is_near = |(one, other): (f64, f64)| (one - other).abs() <= 1e-14 * one.abs() + f64::MIN_POSITIVE;
+            assert!(one.as_f64().zip(other.as_f64()).is_some_and(is_near), "{one} and {other}");
         }
         _ => assert_eq!(one, other),
     }
