@@ -245,6 +245,12 @@ fn a_vehicle_has_settings_of_its_own() {
 }
 
 #[test]
+fn one_vehicle_has_a_list_of_one_slot() {
+    let list = "swarm.vehicles = 1\nformation = { law = 'virtual-structure', slots = { pattern = 'list', offsets_ne_m = [[3, 4]] } }";
+    assert_eq!(loaded(list, &[]).scenario.formation.slots.offsets_ne_m, Some(vec![[3.0, 4.0]]));
+}
+
+#[test]
 fn an_external_law_has_its_table() {
     let text = "swarm.vehicles = 2\nformation.law = 'external'\n[formation.external]\n\
                 udp = { ask = '127.0.0.1:5700', answer = '127.0.0.1:5800' }\nparameters = { gain = 0.3, n = [1, 'a'] }\n";
