@@ -411,7 +411,9 @@ impl Rules {
     fn doubt(&mut self, id: VehicleId, in_contact: VehicleSet, membership: Membership) {
         let Some(known) = self.known.get(&id) else { return };
         let is_member = |other: VehicleId| {
-            let heartbeat = known.heartbeats.get(&other);
+            let newest = known.newest.get(&other).map(|newest| newest.incarnation);
+            // The last heartbeat may be that of an incarnation before, whose agent was killed.
+            let heartbeat = known.heartbeats.get(&other).filter(|of| newest <= Some(of.header.incarnation));
             in_contact.contains(other) && heartbeat.is_some_and(|of| of.membership == Membership::Active)
         };
         for other in self.honest.iter() {
@@ -503,14 +505,16 @@ impl Rules {
             return None;
         }
         let is_member = |agent: &SimulatedAgent| agent.agent().membership() == Membership::Active;
-        let is_led = |id: VehicleId| !self.known.get(&id).is_some_and(|known| known.is_misled || known.was_sent_ahead);
-        let members = agents.filter(|(id, agent)| is_member(agent) && is_led(*id));
-        let steps: Vec<_> = members.map(|(id, agent)| (id, agent.agent().at_step(), agent.agent().reached())).collect();
+        let is_misled = |id: VehicleId| self.known.get(&id).is_some_and(|known| known.is_misled);
+        let was_sent_ahead = |id: VehicleId| self.known.get(&id).is_some_and(|known| known.was_sent_ahead);
+        let members = agents.filter(|(id, agent)| is_member(agent) && !is_misled(*id));
+        let all: Vec<_> = members.map(|(id, agent)| (id, agent.agent().at_step(), agent.agent().reached())).collect();
+        let steps: Vec<_> = all.iter().filter(|(id, ..)| !was_sent_ahead(*id)).collect();
         let least = steps.iter().map(|(_, step, _)| *step).min()?;
-        // A vehicle that ran ahead waits for the others while they fly to the step.
-        let waits = steps.iter().any(|(_, step, reached)| *step == least && *reached < Some(least));
+        // A vehicle that ran ahead waits for the others while they fly to the step, also for one that was sent ahead to it.
+        let waits = all.iter().any(|(_, step, reached)| *step == least && *reached < Some(least));
         let differs = steps.iter().any(|(_, step, _)| *step > least);
-        (differs && !waits).then(|| format!("steps {steps:?}, orders {orders:?}"))
+        (differs && !waits).then(|| format!("steps {all:?}, orders {orders:?}"))
     }
 
     /// Whether an agent has an order or a larger one for the same vehicles.
