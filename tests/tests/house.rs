@@ -236,14 +236,30 @@ fn paths_in_the_sources_are_read_correctly() {
     assert_eq!(cycle_of(&uses(&modules)), Some(["one", "two", "one"].map(module).to_vec()));
 }
 
-/// All packages from which this one is built, as cargo lists them.
-fn built_from(package: &str) -> BTreeSet<String> {
+/// The lines of `cargo tree` with these arguments, one for each package, without repetitions.
+fn cargo_tree(arguments: &[&str]) -> BTreeSet<String> {
     let mut cargo = Command::new(env!("CARGO"));
-    cargo.current_dir(root()).args(["tree", "--locked", "--offline", "--edges", "normal", "--prefix", "none"]);
-    let output = cargo.args(["--format", "{p}", "-p", package]).output().unwrap();
+    cargo.current_dir(root()).args(["tree", "--locked", "--offline", "--prefix", "none"]);
+    let output = cargo.args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
-    text.lines().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect()
+    text.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
+}
+
+/// The names of all packages from which this one is built.
+fn built_from(package: &str) -> BTreeSet<String> {
+    let lines = cargo_tree(&["--edges", "normal", "--format", "{p}", "-p", package]);
+    lines.iter().filter_map(|line| line.split_whitespace().next()).map(str::to_owned).collect()
+}
+
+#[test]
+fn the_command_and_the_tests_share_one_build_of_every_dependency() {
+    let with_features = |arguments: &[&str]| cargo_tree(&[&["--format", "{p} {f}"], arguments].concat());
+    let of_tests = with_features(&["--workspace"]);
+    let of_command = with_features(&["--edges", "normal,build"]);
+    let twice: Vec<_> = of_command.difference(&of_tests).collect();
+    assert!(of_command.len() > 100, "{of_command:?}");
+    assert!(twice.is_empty(), "`cargo run` builds these with other features than `cargo test --workspace`: {twice:?}");
 }
 
 #[test]
