@@ -6,14 +6,15 @@ use crate::frame::{Geodetic, VelocityNed};
 use crate::math;
 
 /// Position, velocity and heading of a vehicle. The position is geodetic, because every simulator has its own local
-/// origin.
+/// origin. Velocity and heading are local: they refer to the meridian of this position, so that a receiver needs no other
+/// vehicle's origin; it turns them into its own swarm's frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VehicleState {
     /// Geodetic position of the centre of gravity.
     pub position: Geodetic,
-    /// Velocity over the ground, north, east and down, m/s.
+    /// Velocity over the ground, local north, east and down, m/s.
     pub velocity: VelocityNed,
-    /// Heading clockwise from true north, rad.
+    /// Heading clockwise from the local true north, rad.
     pub heading_rad: f64,
 }
 

@@ -27,7 +27,7 @@ use crate::simulators::HostPort;
 use crate::simulators::survey::{SILENT, Surveyor};
 use crate::simulators::web::{WebApi, WebChoice, WebError};
 pub(crate) use setup::{SETUP, compared as setup_compared};
-pub(crate) use weather::{WIND_NOW, compared};
+pub(crate) use weather::{WIND_NOW, compared, local};
 
 /// `skein place`
 #[derive(Clone, Debug, clap::Args)]
@@ -160,7 +160,9 @@ fn placed(
         }
     };
     let flights = web.as_ref().filter(|web| web.starts_flights());
-    let reply = match start(found.position.as_ref()) {
+    let start = start(found.position.as_ref());
+    let scenario = &local(scenario, &start.as_ref().map_or_else(|| here(scenario, found.position.as_ref()), geodetic));
+    let reply = match start {
         Some(start) => {
             let put = put(surveyor, flights, scenario, start, found.position.as_ref())?;
             lines.push(outcome(&place, put));
@@ -255,8 +257,13 @@ fn surroundings(web: &WebApi, scenario: &Scenario, place: &Geodetic) -> Map<Stri
 
 /// A change of a flight that leaves its aircraft alone.
 fn changed(web: &WebApi, scenario: &Scenario, found: Option<&Position>) -> Value {
-    let here = |found: &Position| Geodetic::from_degrees(found.latitude_deg, found.longitude_deg, found.elevation_m);
-    surroundings(web, scenario, &found.map_or_else(|| scenario.origin.geodetic(), here)).into()
+    surroundings(web, scenario, &here(scenario, found)).into()
+}
+
+/// Where the aircraft is; the scenario's origin if that is unknown.
+fn here(scenario: &Scenario, found: Option<&Position>) -> Geodetic {
+    let place = |found: &Position| Geodetic::from_degrees(found.latitude_deg, found.longitude_deg, found.elevation_m);
+    found.map_or_else(|| scenario.origin.geodetic(), place)
 }
 
 fn outcome(place: &str, (how, reply, away_m): (&str, Option<WebError>, Option<f64>)) -> Line {

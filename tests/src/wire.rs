@@ -154,13 +154,13 @@ pub fn default_options() -> StandinOptions {
 
 /// Options of the simulator of a vehicle at this place.
 fn options(scenario: &Scenario, origin: &Origin, id: VehicleId, start: &Start, cell: Frames) -> StandinOptions {
-    let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
+    let (place, convergence) = origin.place(PositionNed::new(start.north_m, start.east_m, 0.0));
     StandinOptions {
         id,
         lat_deg: place.latitude_rad.to_degrees(),
         lon_deg: place.longitude_rad.to_degrees(),
         alt_m: place.altitude_m,
-        heading_deg: start.heading_rad.to_degrees(),
+        heading_deg: convergence.heading_to_local(start.heading_rad).to_degrees(),
         rate: cell.rate,
         jitter: cell.jitter,
         drop: cell.drop,
@@ -504,12 +504,14 @@ impl Swarm {
 
     fn vehicle_now(&self, vehicle: &Vehicle) -> VehicleNow {
         let (agent, frame) = (vehicle.station.agent(), vehicle.simulator.truth());
-        let position = self.origin.ned_from_geodetic(&frame.measurement.position);
+        let (position, convergence) = self.origin.locate(&frame.measurement.position);
+        let velocity = convergence.velocity_from_local(frame.measurement.velocity);
+        let attitude = convergence.attitude_from_local(frame.measurement.attitude);
         VehicleNow {
             id: vehicle.id,
             runs: true,
             is_member: agent.membership() == Membership::Active,
-            truth: GroundTruth { position, ..frame.truth },
+            truth: GroundTruth { position, velocity, attitude, ..frame.truth },
             controls: vehicle.command.and_then(Command::controls).filter(Controls::is_within_limits),
             step: agent.at_step(),
             reached: agent.reached(),

@@ -162,7 +162,7 @@ impl Agent {
             tuning: Tuning::new(scenario),
             formation: Formation::new(own, scenario)?,
             controller: Controller::new(scenario, rules, trim, aircraft.gains),
-            schedule: SendSchedule::new(own, incarnation, &scenario.network),
+            schedule: SendSchedule::new(own, incarnation, &origin, &scenario.network),
             clock: SteadyClock::default(),
             pace: Pace::new(scenario.plant.min_frame_rate_hz),
             standstill: None,
@@ -211,11 +211,15 @@ impl Agent {
     /// The peers' current poses, for a simulator that draws them; `origin` is that of the swarm's frame.
     pub fn peer_poses(&self, origin: &Origin) -> impl Iterator<Item = PeerPose> {
         let own = self.position().unwrap_or_default();
-        self.peers().map(move |peer| PeerPose {
-            id: peer.id,
-            position: origin.geodetic_from_ned(peer.position),
-            attitude: Attitude { heading_rad: peer.heading_rad, ..Attitude::default() },
-            distance_m: (peer.position - own).norm(),
+        self.peers().map(move |peer| {
+            let (position, convergence) = origin.place(peer.position);
+            let heading_rad = convergence.heading_to_local(peer.heading_rad);
+            PeerPose {
+                id: peer.id,
+                position,
+                attitude: Attitude { heading_rad, ..Attitude::default() },
+                distance_m: (peer.position - own).norm(),
+            }
         })
     }
 

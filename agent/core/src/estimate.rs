@@ -26,15 +26,15 @@ const LONGEST_STEP_S: f64 = 0.5;
 /// The vehicle's estimate of its own state at one instant. Every number is finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Position in the swarm's local frame.
+    /// Position in the swarm's frame.
     pub position: PositionNed,
     /// The same position as sent to peers.
     pub geodetic: Geodetic,
     /// Height of the centre of gravity above the ground, m.
     pub height_m: f64,
-    /// Velocity over the ground.
+    /// Velocity over the ground in the swarm's frame.
     pub velocity: VelocityNed,
-    /// Attitude.
+    /// Attitude in the swarm's frame.
     pub attitude: Attitude,
     /// Angular velocity.
     pub rates: BodyRates,
@@ -43,9 +43,30 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// The part of the estimate that is sent to peers.
-    pub fn state(&self) -> VehicleState {
-        VehicleState { position: self.geodetic, velocity: self.velocity, heading_rad: self.attitude.heading_rad }
+    /// The estimate of a measurement that is believed as it is, in the frame at `origin`.
+    pub fn of(measurement: &Measurement, origin: &Origin) -> Self {
+        let &Measurement { position: geodetic, height_m, velocity, attitude, rates, rotor_speed_rad_s } = measurement;
+        let (position, convergence) = origin.locate(&geodetic);
+        let velocity = convergence.velocity_from_local(velocity);
+        let attitude = convergence.attitude_from_local(attitude);
+        Self { position, geodetic, height_m, velocity, attitude, rates, rotor_speed_rad_s }
+    }
+
+    /// The part of the estimate that is sent to peers; `origin` is that of the swarm's frame.
+    pub fn state(&self, origin: &Origin) -> VehicleState {
+        let convergence = origin.convergence_at(&self.geodetic);
+        VehicleState {
+            position: self.geodetic,
+            velocity: convergence.velocity_to_local(self.velocity),
+            heading_rad: convergence.heading_to_local(self.attitude.heading_rad),
+        }
+    }
+
+    /// Whether peers would accept its state.
+    fn is_plausible(&self) -> bool {
+        // The length of a velocity is the same in both frames.
+        let Self { geodetic: position, velocity, attitude, .. } = *self;
+        VehicleState { position, velocity, heading_rad: attitude.heading_rad }.is_plausible()
     }
 }
 
@@ -100,7 +121,7 @@ impl Estimator {
         }
     }
 
-    /// Origin of the local frame.
+    /// Origin of the swarm's frame.
     pub fn origin(&self) -> &Origin {
         &self.origin
     }
@@ -116,7 +137,7 @@ impl Estimator {
     pub fn update(&mut self, now: Now, measurement: Option<&Measurement>) -> Option<Estimate> {
         let estimate = measurement.filter(|measurement| is_plausible(measurement));
         let estimate = estimate.map(|measurement| self.estimate(now.plant, measurement));
-        let estimate = estimate.filter(|estimate| estimate.state().is_plausible());
+        let estimate = estimate.filter(Estimate::is_plausible);
         self.is_new = estimate.is_some();
         self.refused += u64::from(measurement.is_some() && estimate.is_none());
         self.latest = estimate.map(|estimate| (estimate, now.local)).or(self.latest);
@@ -139,40 +160,31 @@ impl Estimator {
     }
 
     fn estimate(&mut self, at: PlantTime, measurement: &Measurement) -> Estimate {
-        let place = self.reckoning.update(at, measurement);
-        let mut geodetic = if self.rounds_to_f32 { rounded(&place) } else { place };
-        let mut position = self.origin.ned_from_geodetic(&geodetic);
+        let mut estimate = Estimate::of(measurement, &self.origin);
+        let place = self.reckoning.update(at, measurement, &estimate.velocity);
+        if self.rounds_to_f32 || place != measurement.position {
+            estimate.geodetic = if self.rounds_to_f32 { rounded(&place) } else { place };
+            estimate.position = self.origin.ned_from_geodetic(&estimate.geodetic);
+        }
         if self.reckoning.is_on {
-            position.0 += self.reckoning.displacement_ned_m;
-            geodetic = self.origin.geodetic_from_ned(position);
+            estimate.position.0 += self.reckoning.displacement_ned_m;
+            estimate.geodetic = self.origin.geodetic_from_ned(estimate.position);
         }
-        let velocity = match &mut self.difference {
-            None => measurement.velocity,
-            Some(_) if self.reckoning.is_on => measurement.velocity,
-            Some(difference) => {
-                let [north_m_s, east_m_s] = difference.update(at, position.horizontal()).into();
-                VelocityNed::new(north_m_s, east_m_s, measurement.velocity.down_m_s())
-            }
-        };
-        Estimate {
-            position,
-            geodetic,
-            height_m: measurement.height_m,
-            velocity,
-            attitude: measurement.attitude,
-            rates: measurement.rates,
-            rotor_speed_rad_s: measurement.rotor_speed_rad_s,
+        if let Some(difference) = self.difference.as_mut().filter(|_| !self.reckoning.is_on) {
+            let [north_m_s, east_m_s] = difference.update(at, estimate.position.horizontal()).into();
+            estimate.velocity = VelocityNed::new(north_m_s, east_m_s, measurement.velocity.down_m_s());
         }
+        estimate
     }
 }
 
 impl DeadReckoning {
-    /// Returns the position from which the displacement is counted.
-    fn update(&mut self, at: PlantTime, measurement: &Measurement) -> Geodetic {
+    /// Returns the position from which the displacement is counted. `velocity` is the measured one in the swarm's frame.
+    fn update(&mut self, at: PlantTime, measurement: &Measurement, velocity: &VelocityNed) -> Geodetic {
         let (begin, displacement_ned_m) = match self.last {
             Some((begin, before)) if self.is_on || begin == measurement.position => {
                 let dt_s = at.seconds_since(before).clamp(0.0, LONGEST_STEP_S);
-                (begin, self.displacement_ned_m + measurement.velocity.0 * dt_s)
+                (begin, self.displacement_ned_m + velocity.0 * dt_s)
             }
             _ => (measurement.position, Vector3::zeros()),
         };
@@ -247,7 +259,8 @@ mod tests {
         let mut estimator = Estimator::new(origin(), &sensing(PositionSensing::Exact, VelocitySensing::Measured));
         let estimate = estimator.update(at(1.0), Some(&measured(12.0, -7.0))).unwrap();
         assert!((estimate.position - PositionNed::new(12.0, -7.0, -30.0)).norm() < 1e-5);
-        assert_eq!(estimate.velocity, VelocityNed::new(1.0, 2.0, 3.0));
+        // 7 m west of the origin, the local north is turned by half a millionth of a radian.
+        assert!((estimate.velocity - VelocityNed::new(1.0, 2.0, 3.0)).norm() < 2e-6);
         assert_eq!(estimator.age_s(LocalTime::from_seconds(1.5)), Some(0.5));
         assert!(estimator.is_new());
         estimator.update(at(1.0), None);

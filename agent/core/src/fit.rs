@@ -457,15 +457,15 @@ impl Fit {
 
     /// The estimate in a frame whose origin is the first position; `None` if a number is not finite.
     fn estimate(&mut self, measurement: &Measurement) -> Option<Estimate> {
-        let Measurement { position, height_m, velocity, attitude, rates, rotor_speed_rad_s } = *measurement;
+        let Measurement { position, height_m, velocity, attitude, rates, .. } = measurement;
         let is_finite = height_m.is_finite() && velocity.is_finite() && attitude.is_finite() && rates.is_finite();
         if !(position.is_plausible() && is_finite) {
             return None;
         }
-        let origin = self.origin.get_or_insert_with(|| Origin::new(position));
-        let rotor_speed_rad_s = rotor_speed_rad_s.filter(|speed| speed.is_finite());
-        let place = origin.ned_from_geodetic(&position);
-        Some(Estimate { position: place, geodetic: position, height_m, velocity, attitude, rates, rotor_speed_rad_s })
+        let origin = self.origin.get_or_insert_with(|| Origin::new(*position));
+        let estimate = Estimate::of(measurement, origin);
+        let rotor_speed_rad_s = estimate.rotor_speed_rad_s.filter(|speed| speed.is_finite());
+        Some(Estimate { rotor_speed_rad_s, ..estimate })
     }
 }
 

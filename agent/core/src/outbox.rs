@@ -10,7 +10,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use serde::{Deserialize, Serialize};
-use skein_common::frame::{PositionNed, VelocityNed};
+use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::math;
 use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, Intent, Order, State};
@@ -48,6 +48,8 @@ pub struct Outbox {
 pub struct SendSchedule {
     own: VehicleId,
     incarnation: Incarnation,
+    /// Origin of the swarm's frame.
+    origin: Origin,
     need: Need,
     sent: Option<SentState>,
     mission: Option<(Heartbeat, LocalTime)>,
@@ -102,8 +104,8 @@ impl Need {
 }
 
 impl SendSchedule {
-    /// The schedule of a vehicle whose agent has not sent anything yet.
-    pub fn new(own: VehicleId, incarnation: Incarnation, network: &Network) -> Self {
+    /// The schedule of a vehicle whose agent has not sent anything yet; `origin` is that of the swarm's frame.
+    pub fn new(own: VehicleId, incarnation: Incarnation, origin: &Origin, network: &Network) -> Self {
         let need = Need {
             every_frame: network.send == SendMode::EveryFrame,
             error_m: network.state_error_m,
@@ -113,6 +115,7 @@ impl SendSchedule {
         Self {
             own,
             incarnation,
+            origin: *origin,
             need,
             sent: None,
             mission: None,
@@ -189,7 +192,7 @@ impl SendSchedule {
     fn state(&mut self, now: LocalTime, estimate: &Estimate) -> State {
         self.sent = Some(SentState { position: estimate.position, velocity: estimate.velocity, at: now });
         self.state_messages += 1;
-        let message = State { header: self.header(now, self.state_messages), state: estimate.state() };
+        let message = State { header: self.header(now, self.state_messages), state: estimate.state(&self.origin) };
         self.state_bytes += message::encoded_len(&message) as u64;
         message
     }
@@ -249,7 +252,7 @@ impl SendSchedule {
 mod tests {
     use nalgebra::Vector3;
     use proptest::prelude::*;
-    use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin};
+    use skein_common::frame::{Attitude, BodyRates, Geodetic};
     use skein_common::scenario::{Source, load};
 
     use super::*;
@@ -290,7 +293,8 @@ mod tests {
         let scenario = load(&Source { name: "test.toml", text: "swarm.vehicles = 4" }, &[]).unwrap().scenario;
         let own = VehicleId::new(1).unwrap();
         let mission = Mission::new(&scenario, own, None);
-        let mut schedule = SendSchedule::new(own, Incarnation(1), &scenario.network);
+        let mut schedule =
+            SendSchedule::new(own, Incarnation(1), &Origin::new(scenario.origin.geodetic()), &scenario.network);
         let gust_m_s = scenario.network.state_error_m_s + 1.0;
         // A gust blows from the third to the sixteenth frame.
         let mut send = |frame: u32| {
@@ -325,8 +329,8 @@ mod tests {
             let network = Network { state_error_m, state_error_m_s, state_max_period_s: 5.0, ..scenario.network.clone() };
             let own = VehicleId::new(1).unwrap();
             let mission = Mission::new(&scenario, own, None);
-            let mut schedule = SendSchedule::new(own, Incarnation(1), &network);
             let origin = Origin::new(scenario.origin.geodetic());
+            let mut schedule = SendSchedule::new(own, Incarnation(1), &origin, &network);
             let mut flown = estimate(0.0, 0.0);
             let mut known: Option<(PositionNed, VelocityNed, LocalTime)> = None;
             let mut now = LocalTime::ZERO;
@@ -347,7 +351,8 @@ mod tests {
                 }
                 let outbox = schedule.outbox(now, Some(&flown), &mission, Vec::new(), |_| PeersReport::default());
                 if let Some(State { state, .. }) = outbox.state.as_deref() {
-                    known = Some((origin.ned_from_geodetic(&state.position), state.velocity, now));
+                    let (position, convergence) = origin.locate(&state.position);
+                    known = Some((position, convergence.velocity_from_local(state.velocity), now));
                 }
                 let (error_m, error_m_s) = errors(known.unwrap());
                 prop_assert!(error_m <= state_error_m + 1e-4 && error_m_s <= state_error_m_s + 1e-9);

@@ -7,7 +7,7 @@ use crate::aircraft::Aircraft;
 use crate::control::{Controller, Rules, Setpoint};
 use crate::estimate::Estimate;
 use crate::helicopter::TICK_S;
-use crate::plant::{Command, Frame, Measurement};
+use crate::plant::{Command, Frame};
 
 /// Keeps the velocity and the altitude that the vehicle has when this pilot gets the controls. It moves the controls itself,
 /// so that the agent gets them back in other positions than it left them in.
@@ -35,7 +35,7 @@ impl SimulatedPilot {
             self.keeps = None;
             return command;
         }
-        let estimate = self.estimate(&frame().measurement);
+        let estimate = Estimate::of(&frame().measurement, &self.origin);
         let keeps = self.keeps.get_or_insert_with(|| Setpoint {
             relative_velocity_ne_m_s: estimate.velocity.horizontal(),
             feedforward_ne_m_s: Default::default(),
@@ -43,12 +43,5 @@ impl SimulatedPilot {
             heading_rad: estimate.attitude.heading_rad,
         });
         Some(self.controller.step(TICK_S, &estimate, keeps).command)
-    }
-
-    fn estimate(&self, measurement: &Measurement) -> Estimate {
-        let &Measurement { position, height_m, velocity, attitude, rates, rotor_speed_rad_s } = measurement;
-        let geodetic = position;
-        let position = self.origin.ned_from_geodetic(&geodetic);
-        Estimate { position, geodetic, height_m, velocity, attitude, rates, rotor_speed_rad_s }
     }
 }

@@ -89,16 +89,17 @@ impl Command {
     }
 }
 
-/// The vehicle's sensor readings at one instant.
+/// The vehicle's sensor readings at one instant. Velocity and heading are local: they refer to the meridian of the measured
+/// position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measurement {
     /// Position of the centre of gravity.
     pub position: Geodetic,
     /// Height of the centre of gravity above the ground below it, m.
     pub height_m: f64,
-    /// Velocity over the ground.
+    /// Velocity over the ground, local.
     pub velocity: VelocityNed,
-    /// Attitude.
+    /// Attitude, with the heading from the local true north.
     pub attitude: Attitude,
     /// Angular velocity.
     pub rates: BodyRates,
@@ -106,7 +107,7 @@ pub struct Measurement {
     pub rotor_speed_rad_s: Option<f64>,
 }
 
-/// The vehicle's true state. For measuring and plotting only: no decision may use it.
+/// The vehicle's true state in the swarm's frame. For measuring and plotting only: no decision may use it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroundTruth {
     /// Position of the centre of gravity in the swarm's frame.
@@ -149,7 +150,7 @@ pub struct PeerPose {
     pub id: VehicleId,
     /// Position of its centre of gravity now.
     pub position: Geodetic,
-    /// Its attitude. States carry the heading only, so that roll and pitch are zero.
+    /// Its attitude, with the heading from the local true north. States carry the heading only, so that roll and pitch are zero.
     pub attitude: Attitude,
     /// Its distance from this vehicle, m: a simulator that can draw a few peers draws the nearest.
     pub distance_m: f64,

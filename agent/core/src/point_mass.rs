@@ -17,7 +17,7 @@
 //! and a point that sinks onto it stops there. Its height on the ground is zero.
 
 use nalgebra::{Vector2, Vector3};
-use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, PositionNed, VelocityNed, wrap_rad};
+use skein_common::frame::{Attitude, BodyRates, Convergence, Geodetic, Origin, PositionNed, VelocityNed, wrap_rad};
 use skein_common::math;
 use skein_common::scenario::PointMassLimits;
 use skein_common::time::PlantTime;
@@ -38,8 +38,8 @@ pub struct PointMass {
     /// The last valid command; `None` before the first.
     command: Option<VelocityCommand>,
     failures: Failures,
-    /// The position that is measured while the position is frozen.
-    frozen: Option<Geodetic>,
+    /// The position that is measured while the position is frozen, with the convergence there.
+    frozen: Option<(Geodetic, Convergence)>,
 }
 
 /// The limits of a point mass, and its responses over a tick.
@@ -85,13 +85,14 @@ impl PointMass {
         let &Self { position, velocity, heading_rad, turn_rad_s, .. } = self;
         let attitude = Attitude { roll_rad: 0.0, pitch_rad: 0.0, heading_rad };
         let height_m = position.altitude_m();
+        let (measured, convergence) = self.frozen.unwrap_or_else(|| self.origin.place(position));
         Frame {
             time: PlantTime::from_seconds(self.ticks as f64 * TICK_S),
             measurement: Measurement {
-                position: self.frozen.unwrap_or_else(|| self.origin.geodetic_from_ned(position)),
+                position: measured,
                 height_m,
-                velocity,
-                attitude,
+                velocity: convergence.velocity_to_local(velocity),
+                attitude: convergence.attitude_to_local(attitude),
                 rates: BodyRates { yaw_rad_s: turn_rad_s, ..BodyRates::default() },
                 rotor_speed_rad_s: None,
             },
@@ -132,7 +133,7 @@ impl PointMass {
     /// point mass has no engine, servo or gyro that can fail.
     pub fn fail(&mut self, failures: Failures) {
         if failures.position_frozen != self.failures.position_frozen {
-            self.frozen = failures.position_frozen.then(|| self.frame().measurement.position);
+            self.frozen = failures.position_frozen.then(|| self.origin.place(self.position));
         }
         self.failures = failures;
     }

@@ -119,15 +119,19 @@ impl Sensors {
         if let Some(errors) = &mut self.position {
             let repeats = self.last_position.replace(exact.position) == Some(exact.position);
             let error_ned_m = if repeats { errors.last() } else { errors.next(since_s) };
-            let position = self.origin.ned_from_geodetic(&exact.position) + error_ned_m;
-            measured.position = self.origin.geodetic_from_ned(position);
+            let (position, true_convergence) = self.origin.locate(&exact.position);
+            let (place, convergence) = self.origin.place(position + error_ned_m);
+            measured.position = place;
+            // The axes are those of the measured position.
+            measured.velocity = convergence.velocity_to_local(true_convergence.velocity_from_local(exact.velocity));
+            measured.attitude = convergence.attitude_to_local(true_convergence.attitude_from_local(exact.attitude));
         }
         if let Some(errors) = &mut self.velocity {
             measured.velocity.0 += errors.next(since_s);
         }
         if let Some(errors) = &mut self.attitude {
             let [roll_rad, pitch_rad, heading_rad] = errors.next(since_s).into();
-            let Attitude { roll_rad: roll, pitch_rad: pitch, heading_rad: heading } = exact.attitude;
+            let Attitude { roll_rad: roll, pitch_rad: pitch, heading_rad: heading } = measured.attitude;
             measured.attitude = Attitude {
                 roll_rad: wrap_rad(roll + roll_rad),
                 pitch_rad: wrap_rad(pitch + pitch_rad),

@@ -89,8 +89,8 @@ impl LinkReceiver {
         let (id, strangers) = (FleetVehicle { team, vehicle }, &self.strangers);
         match topic {
             Topic::State(..) => self.receive_stranger(key, bytes, id, |State { header, state }| {
-                let position = strangers.origin.ned_from_geodetic(&state.position);
-                let (order, velocity) = (header.order(), state.velocity);
+                let (position, convergence) = strangers.origin.locate(&state.position);
+                let (order, velocity) = (header.order(), convergence.velocity_from_local(state.velocity));
                 store(&strangers.states, StrangerState { id, order, position, velocity, at })
             }),
             // An agent publishes the same intent in several cells: it counts once.

@@ -125,7 +125,9 @@ fn two_agents_receive_each_others_messages_and_not_their_own() {
         },
         |received| message(received, |message| matches!(message, PeerMessage::State(_))),
     );
-    assert!(matches!(received.message, PeerMessage::State(content) if content.state == state(2, 1).state));
+    assert!(
+        matches!(received.message, PeerMessage::State(content) if content == ReceivedState::new(state(2, 1), &origin()))
+    );
     assert!(LocalTime::ZERO < received.at && received.at <= clock.now());
 
     let mission = mission(1, 1);
@@ -227,7 +229,7 @@ fn malformed_and_forged_messages_are_counted_and_dropped() {
     link.drain(&mut received);
     assert!(
         received.iter().all(
-            |received| matches!(received.message, PeerMessage::State(content) if content.message() == state(2, 1))
+            |received| matches!(received.message, PeerMessage::State(content) if content == ReceivedState::new(state(2, 1), &origin()))
         ),
         "{received:?}"
     );

@@ -32,9 +32,9 @@ pub struct Summary {
     pub live: u8,
     /// Estimated position, north, east and down from the swarm's origin, m; null before the first estimate.
     pub position: Option<PositionNed>,
-    /// Estimated velocity over the ground, north, east and down, m/s.
+    /// Estimated velocity over the ground in the swarm's frame, north, east and down, m/s.
     pub velocity: VelocityNed,
-    /// Estimated attitude.
+    /// Estimated attitude; the heading is from the north at the swarm's origin.
     pub attitude: Attitude,
     /// Centre of the formation, north and east from the swarm's origin, m.
     pub centre_ne_m: [f64; 2],

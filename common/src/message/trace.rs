@@ -33,13 +33,13 @@ pub struct Trace {
     pub centre_ne_m: [f64; 2],
     /// Estimated own position, north, east and down, m.
     pub estimate: PositionNed,
-    /// True position, north, east and down, m.
+    /// True position in the swarm's frame, north, east and down, m.
     pub position: PositionNed,
     /// True height above the ground, m.
     pub height_m: f64,
-    /// True velocity, north, east and down, m/s.
+    /// True velocity in the swarm's frame, north, east and down, m/s.
     pub velocity: VelocityNed,
-    /// True attitude, Euler angles 3-2-1, rad.
+    /// True attitude in the swarm's frame, Euler angles 3-2-1, rad.
     pub attitude: Attitude,
     /// Shaft power, W; null where the plant does not report it.
     pub power_w: Option<f64>,

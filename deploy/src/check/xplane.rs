@@ -10,7 +10,7 @@ use std::time::Duration;
 use serde_json::json;
 use skein_agent::plant::xplane::client::RANDOM_FAILURES;
 use skein_agent::plant::xplane::placing::{LEVEL_WITHIN_M, NEAR_ORIGIN_M, from_origin_m};
-use skein_common::frame::Origin;
+use skein_common::frame::{Geodetic, Origin};
 use skein_common::scenario::Scenario;
 use skein_core::aircraft::Profile;
 use skein_lab::error::Error;
@@ -96,7 +96,12 @@ fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<V
         lines.push(rotor(place, &survey, profile));
         lines.push(overrides(place, surveyor, &survey, profile)?);
         lines.extend(scenario.and_then(|scenario| origin(place, &survey, scenario)));
-        lines.extend(scenario.into_iter().flat_map(|scenario| place::compared(place, &survey, scenario)));
+        let at = survey
+            .position
+            .as_ref()
+            .map(|at| Geodetic::from_degrees(at.latitude_deg, at.longitude_deg, at.elevation_m));
+        let local = scenario.map(|scenario| place::local(scenario, &at.unwrap_or_else(|| scenario.origin.geodetic())));
+        lines.extend(local.iter().flat_map(|scenario| place::compared(place, &survey, scenario)));
         lines.extend(scenario.into_iter().flat_map(|scenario| place::setup_compared(place, &survey, scenario)));
         lines.push(load());
     } else {

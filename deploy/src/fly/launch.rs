@@ -173,7 +173,8 @@ fn standin_arguments(
     first_port: u16,
     aircraft: &Path,
 ) -> Vec<OsString> {
-    let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
+    let (place, convergence) = origin.place(PositionNed::new(start.north_m, start.east_m, 0.0));
+    let local_deg = |heading_rad: f64| convergence.heading_to_local(heading_rad).to_degrees().to_string();
     let world = &scenario.world;
     let options = [
         ("port", first_port.to_string()),
@@ -181,11 +182,11 @@ fn standin_arguments(
         ("lat", place.latitude_deg().to_string()),
         ("lon", place.longitude_deg().to_string()),
         ("alt", scenario.origin.elevation_m.to_string()),
-        ("heading", start.heading_rad.to_degrees().to_string()),
+        ("heading", local_deg(start.heading_rad)),
         ("beacon", false.to_string()),
         ("seed", scenario.seed.to_string()),
         ("wind-m-s", world.wind_m_s.to_string()),
-        ("wind-from-deg", world.wind_from_deg.to_string()),
+        ("wind-from-deg", local_deg(world.wind_from_deg.to_radians())),
         ("gust-w20-m-s", world.gust_w20_m_s.to_string()),
     ];
     let options = options.into_iter().flat_map(|(name, value)| [format!("--{name}").into(), value.into()]);
@@ -250,11 +251,14 @@ mod tests {
             beacon,
             ..
         } = Cli::try_parse_from(arguments).unwrap().options;
-        assert_eq!((port, alt_m, seed, wind_m_s, wind_from_deg), (50_000, 12.0, 7, 3.0, -90.0));
+        assert_eq!((port, alt_m, seed, wind_m_s), (50_000, 12.0, 7, 3.0));
         assert!(until_unused && !beacon);
-        assert!((heading_deg.to_radians() + 1.0).abs() < 1e-12);
         let place = skein_common::frame::Geodetic::from_degrees(lat_deg, lon_deg, alt_m);
-        let offset = origin.ned_from_geodetic(&place);
+        // The stand-in's north is that of its place.
+        let (offset, convergence) = origin.locate(&place);
+        assert!((convergence.heading_from_local(heading_deg.to_radians()) + 1.0).abs() < 1e-9);
+        let wind_from_rad = convergence.heading_from_local(wind_from_deg.to_radians());
+        assert!((wind_from_rad.to_degrees() + 90.0).abs() < 1e-9);
         assert!(
             math::hypot(offset.north_m() + 40.0, offset.east_m() - 30.0) < 1e-4,
             "to a tenth of a millimetre: {offset:?}"

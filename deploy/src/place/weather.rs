@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use skein_agent::plant::xplane::server::{MOST_TURBULENT, SEVERE_W20_M_S};
-use skein_common::frame::Geodetic;
+use skein_common::frame::{Geodetic, Origin};
 use skein_common::math;
 use skein_common::scenario::{Scenario, World};
 use skein_lab::error::Error;
@@ -36,6 +36,15 @@ const VERSION: &str = "sim/version/xplane_internal_version";
 /// The part of X-Plane's range of turbulence that stands for the scenario's gusts.
 fn turbulence(world: &World) -> f64 {
     (world.gust_w20_m_s / SEVERE_W20_M_S).min(1.0)
+}
+
+/// The scenario with its wind's direction from the local north at a place, as a simulator there takes it; in the scenario it
+/// is from the north of the swarm's frame.
+pub(crate) fn local(scenario: &Scenario, at: &Geodetic) -> Scenario {
+    let mut local = scenario.clone();
+    let convergence = Origin::new(scenario.origin.geodetic()).convergence_at(at);
+    local.world.wind_from_deg = convergence.heading_to_local(scenario.world.wind_from_rad()).to_degrees();
+    local
 }
 
 /// Weather of a flight of the Web API.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use nalgebra::Vector2;
 use serde::Serialize;
-use skein_common::frame::{Origin, PositionNed};
+use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{TeamId, VehicleId, VehicleName};
 use skein_common::message::Verb;
 use skein_common::scenario::Scenario;
@@ -56,6 +56,20 @@ impl Team {
     pub(super) fn to_page(&self, position: PositionNed) -> PositionNed {
         let Some((own, fleet)) = &self.frames else { return position };
         fleet.ned_from_geodetic(&own.geodetic_from_ned(position))
+    }
+
+    /// Velocity and attitude of a vehicle at a position, all of the team's frame, in the frame of the page.
+    fn motion_to_page(
+        &self,
+        position: PositionNed,
+        velocity: VelocityNed,
+        attitude: Attitude,
+    ) -> (VelocityNed, Attitude) {
+        let Some((own, fleet)) = &self.frames else { return (velocity, attitude) };
+        let (place, of_team) = own.place(position);
+        let of_fleet = fleet.convergence_at(&place);
+        let velocity = of_fleet.velocity_from_local(of_team.velocity_to_local(velocity));
+        (velocity, of_fleet.attitude_from_local(of_team.attitude_to_local(attitude)))
     }
 }
 
@@ -273,6 +287,7 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
     let position = team.to_page(if contact { sample.position } else { dead_reckoned(sample, *silent) });
     let [north_m, east_m] = sample.centre_ne_m;
     let centre = team.to_page(PositionNed::new(north_m, east_m, 0.0));
+    let (velocity, attitude) = team.motion_to_page(sample.position, sample.velocity, sample.attitude);
     let process = sample.process;
     Vehicle {
         id,
@@ -285,10 +300,8 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
         live: Some(sample.live),
         ne_m: Some([rounded(position.north_m()), rounded(position.east_m())]),
         altitude_m: Some(rounded(sample.position.altitude_m())),
-        velocity_ned_m_s: Some(<[f64; 3]>::from(sample.velocity).map(rounded)),
-        attitude_rad: Some(
-            [sample.attitude.roll_rad, sample.attitude.pitch_rad, sample.attitude.heading_rad].map(rounded),
-        ),
+        velocity_ned_m_s: Some(<[f64; 3]>::from(velocity).map(rounded)),
+        attitude_rad: Some([attitude.roll_rad, attitude.pitch_rad, attitude.heading_rad].map(rounded)),
         centre_ne_m: Some([rounded(centre.north_m()), rounded(centre.east_m())]),
         distance_m: row.from_centre_m.map(rounded),
         gap_deg: row.gap_deg.map(|(gap_deg, _)| rounded(gap_deg)),

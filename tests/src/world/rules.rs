@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use skein_agent::run::simulated::{LinkSizes, SimulatedAgent};
-use skein_common::frame::{Origin, PositionNed, VelocityNed};
+use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Heartbeat, MessageOrder, Order, Refused, StandingOrders, State, Verb};
+use skein_common::message::{Heartbeat, MessageOrder, Order, Refused, StandingOrders, Verb};
 use skein_common::scenario::TunableKey;
 use skein_common::state::Membership;
 use skein_core::agent::Outputs;
@@ -74,16 +74,10 @@ pub struct Violation {
     pub what: String,
 }
 
-/// A state as its vehicle has sent it.
-struct SentState {
-    message: State,
-    position: PositionNed,
-}
-
-/// What an honest vehicle has sent, by incarnation and number.
+/// What an honest vehicle has sent, by incarnation and number; states in the swarm's frame.
 #[derive(Default)]
 struct Sent {
-    states: Vec<SentState>,
+    states: Vec<ReceivedState>,
     place_of: BTreeMap<(Incarnation, u64), usize>,
     heartbeats: BTreeMap<(Incarnation, u64), Heartbeat>,
 }
@@ -219,8 +213,7 @@ impl Rules {
         if let Some(state) = &outputs.outbox.state {
             let place = (state.header.incarnation, state.header.sequence);
             sent.place_of.insert(place, sent.states.len());
-            let position = ReceivedState::new(**state, &self.origin).position;
-            sent.states.push(SentState { message: **state, position });
+            sent.states.push(ReceivedState::new(**state, &self.origin));
         }
         if let Some(mission) = &outputs.outbox.mission {
             sent.heartbeats.insert((mission.header.incarnation, mission.header.sequence), **mission);
@@ -236,9 +229,9 @@ impl Rules {
                 PeerMessage::State(state) => of(state.header.sender).is_none_or(|sent| {
                     let sent = sent.and_then(|sent| {
                         let place = sent.place_of.get(&(state.header.incarnation, state.header.sequence))?;
-                        Some(sent.states[*place].message)
+                        Some(sent.states[*place])
                     });
-                    sent == Some(state.message())
+                    sent == Some(state)
                 }),
                 PeerMessage::Mission(mission) => of(mission.header.sender).is_none_or(|sent| {
                     let place = (mission.header.incarnation, mission.header.sequence);
@@ -295,11 +288,9 @@ impl Rules {
         for peer in agent.agent().peers().filter(|peer| self.honest.contains(peer.id)) {
             let from = known.views.entry(peer.id).or_default();
             let reported = peer.position.0 - peer.velocity.0 * peer.carried_s;
-            let is_it = |sent: &SentState| {
-                let VelocityNed(velocity) = sent.message.state.velocity;
-                velocity == peer.velocity.0
-                    && sent.message.state.heading_rad == peer.heading_rad
-                    && (sent.position.0 - reported).norm() < 1e-5
+            let is_it = |sent: &ReceivedState| {
+                let &ReceivedState { position, velocity, heading_rad, .. } = sent;
+                velocity == peer.velocity && heading_rad == peer.heading_rad && (position.0 - reported).norm() < 1e-5
             };
             let states = self.sent.get(&peer.id).map_or(&[][..], |sent| &sent.states);
             match states.get(*from..).and_then(|states| states.iter().position(is_it)) {

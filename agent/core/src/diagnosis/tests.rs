@@ -216,8 +216,10 @@ fn a_stuck_cyclic_is_found_when_it_is_used() {
 #[test]
 fn a_failed_gyro_is_found_when_it_is_used() {
     for wind_m_s in [0.0, 5.0] {
-        let detections = detections(FLIGHTS, "step", wind_m_s, GYRO_OFF, Failure::Gyro);
-        assert!(detections.after_s.len() >= 15 && detections.median_s() < 2.5, "{detections:?}");
+        // A vehicle without a gyro spins, and each flight depends on the last bits: the share of many is compared.
+        let detections = detections(MANY_FLIGHTS, "step", wind_m_s, GYRO_OFF, Failure::Gyro);
+        let found = detections.after_s.len() as u64;
+        assert!(16 * found >= 15 * MANY_FLIGHTS && detections.median_s() < 2.5, "{detections:?}");
     }
 }
 

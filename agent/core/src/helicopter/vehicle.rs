@@ -1,6 +1,6 @@
 //! A complete vehicle: the helicopter, the air around it and its measurements.
 
-use skein_common::frame::{Geodetic, Origin, VelocityNed};
+use skein_common::frame::{Convergence, Geodetic, Origin, VelocityNed};
 use skein_common::id::VehicleId;
 use skein_common::time::PlantTime;
 
@@ -31,8 +31,8 @@ pub struct BuiltInVehicle {
     /// The last valid controls; `None` before the first.
     controls: Option<Controls>,
     failures: Failures,
-    /// The position that is measured while the position is frozen.
-    frozen: Option<Geodetic>,
+    /// The position that is measured while the position is frozen, with the convergence there.
+    frozen: Option<(Geodetic, Convergence)>,
 }
 
 impl BuiltInVehicle {
@@ -61,13 +61,14 @@ impl BuiltInVehicle {
         let helicopter = &self.helicopter;
         let (position, attitude) = (helicopter.position(), helicopter.attitude());
         let (velocity, height_m) = (helicopter.velocity(), helicopter.height_m());
+        let (measured, convergence) = self.frozen.unwrap_or_else(|| self.origin.place(position));
         Frame {
             time: PlantTime::from_seconds(self.ticks as f64 * TICK_S),
             measurement: Measurement {
-                position: self.frozen.unwrap_or_else(|| self.origin.geodetic_from_ned(position)),
+                position: measured,
                 height_m,
-                velocity,
-                attitude,
+                velocity: convergence.velocity_to_local(velocity),
+                attitude: convergence.attitude_to_local(attitude),
                 rates: helicopter.rates(),
                 rotor_speed_rad_s: Some(helicopter.rotor_speed_rad_s()),
             },
@@ -102,7 +103,9 @@ impl BuiltInVehicle {
         if failures == self.failures {
             return;
         }
-        self.frozen = failures.position_frozen.then(|| self.frame().measurement.position);
+        self.frozen = failures
+            .position_frozen
+            .then(|| self.frozen.unwrap_or_else(|| self.origin.place(self.helicopter.position())));
         self.helicopter.fail(&failures);
         self.failures = failures;
     }

@@ -118,7 +118,7 @@ impl Channel {
 /// Size of a message on the wire, bytes.
 pub(super) fn size_bytes(message: &PeerMessage) -> usize {
     let encoded = match message {
-        PeerMessage::State(payload) => message::encoded_len(&payload.message()) + STATE_KEY_BYTES,
+        PeerMessage::State(payload) => payload.message_len() + STATE_KEY_BYTES,
         PeerMessage::Mission(payload) => message::encoded_len(payload),
         PeerMessage::Order(payload) => message::encoded_len(payload),
         PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => 0,

@@ -1,9 +1,9 @@
 //! Received messages, as the stages of the loop get them.
 
 use serde::{Deserialize, Serialize};
-use skein_common::frame::{Origin, PositionNed};
+use skein_common::frame::{Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::VehicleId;
-use skein_common::message::{Header, Heartbeat, Order, State};
+use skein_common::message::{Header, Heartbeat, Order, State, encoded_len};
 use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
 
@@ -31,13 +31,17 @@ pub enum PeerMessage {
     Order(Order),
 }
 
-/// A peer's state with its position in the swarm's frame, converted once for all receivers in this process.
+/// A peer's state in the swarm's frame, converted once for all receivers in this process.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReceivedState {
     /// Sender, number and time of the message.
     pub header: Header,
-    /// Position, velocity and heading as sent.
-    pub state: VehicleState,
+    /// The position as sent.
+    pub geodetic: Geodetic,
+    /// The velocity over the ground in the swarm's frame.
+    pub velocity: VelocityNed,
+    /// The heading in the swarm's frame, rad.
+    pub heading_rad: f64,
     /// The position in the swarm's frame.
     pub position: PositionNed,
 }
@@ -45,13 +49,17 @@ pub struct ReceivedState {
 impl ReceivedState {
     /// The state of this message, in the frame at `origin`.
     pub fn new(message: State, origin: &Origin) -> Self {
-        let State { header, state } = message;
-        Self { header, state, position: origin.ned_from_geodetic(&state.position) }
+        let State { header, state: VehicleState { position: geodetic, velocity, heading_rad } } = message;
+        let (position, convergence) = origin.locate(&geodetic);
+        let velocity = convergence.velocity_from_local(velocity);
+        Self { header, geodetic, velocity, heading_rad: convergence.heading_from_local(heading_rad), position }
     }
 
-    /// The message as sent.
-    pub fn message(&self) -> State {
-        State { header: self.header, state: self.state }
+    /// Length of the message as sent, bytes.
+    pub fn message_len(&self) -> usize {
+        // A number has the same length in every frame.
+        let &Self { header, geodetic: position, velocity, heading_rad, .. } = self;
+        encoded_len(&State { header, state: VehicleState { position, velocity, heading_rad } })
     }
 }
 

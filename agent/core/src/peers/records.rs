@@ -8,10 +8,9 @@ use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Echo, Header, Heartbeat, Order, StandingOrders, Verb};
 use skein_common::scenario::{Graph, Network, Scenario};
-use skein_common::state::VehicleState;
 use skein_common::time::LocalTime;
 
-use super::message::PeerMessage;
+use super::message::{PeerMessage, ReceivedState};
 use super::near::Travel;
 use super::peer::{Agreed, FRESH_S, Judgement, KeptHeartbeat, Peer, StateArrival, Status};
 use super::{Change, Report, index};
@@ -351,8 +350,8 @@ impl Records {
                 peer.state = Some(StateArrival { sequence, at });
                 let (id, was_young) = (peer.id, peer.status.contains(Status::YOUNG));
                 let excess = Excess::new(at, since_stamp_s(at, message.header.stamp));
-                let VehicleState { velocity, heading_rad, .. } = message.state;
-                let motion = Motion { position: message.position, velocity, heading_rad, at, excess };
+                let ReceivedState { position, velocity, heading_rad, .. } = *message;
+                let motion = Motion { position, velocity, heading_rad, at, excess };
                 let before = core::mem::replace(&mut self.motions[index(id)], motion);
                 self.note_way((motion.position - before.position).xy().norm(), id);
                 self.fastest_m_s = self.fastest_m_s.max(velocity.horizontal().norm());

@@ -327,9 +327,8 @@ fn message_of(incarnation: u64, sequence: u64, is_state: bool) -> PeerMessage {
     let PeerMessage::State(sent) = state(2, incarnation, sequence, north_m(incarnation, sequence)) else {
         unreachable!()
     };
-    let at_rest = VehicleState { velocity: VelocityNed::default(), ..sent.state };
     if is_state {
-        PeerMessage::State(ReceivedState { state: at_rest, ..sent })
+        PeerMessage::State(ReceivedState { velocity: VelocityNed::default(), ..sent })
     } else {
         mission(2, incarnation, sequence, Membership::Active)
     }

@@ -49,9 +49,13 @@ fn a_point_rests_at_its_start_until_a_climb_is_commanded() {
 #[test]
 fn the_measurement_is_exact() {
     let frame = after(hovering(""), 7.0, command(3.0, -2.0, 1.0, 0.3)).frame();
-    let back = origin().ned_from_geodetic(&frame.measurement.position);
+    let (back, convergence) = origin().locate(&frame.measurement.position);
     assert!((back - frame.truth.position).norm() < 1e-5);
-    assert_eq!((frame.measurement.velocity, frame.measurement.attitude), (frame.truth.velocity, frame.truth.attitude));
+    // The measured velocity and heading are local.
+    let velocity = convergence.velocity_from_local(frame.measurement.velocity);
+    assert!((velocity - frame.truth.velocity).norm() < 1e-12);
+    let heading_rad = convergence.heading_from_local(frame.measurement.attitude.heading_rad);
+    assert!((heading_rad - frame.truth.attitude.heading_rad).abs() < 1e-12);
     assert_eq!(frame.measurement.height_m, -frame.truth.position.down_m());
     assert_eq!((frame.measurement.rotor_speed_rad_s, frame.truth.attitude.roll_rad), (None, 0.0));
     assert!(frame.measurement.rates.yaw_rad_s > 0.29);

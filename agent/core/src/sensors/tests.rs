@@ -131,7 +131,8 @@ fn one_quantity_does_not_change_the_errors_of_another() {
     let together = of(&alloc::format!("{ALL_NOISE}\nbias.heading_deg = 3\ndropout = 0.3\ndropout_s = 0.1"));
     let mut compared = 0;
     for (one, other) in alone.iter().zip(&together).filter_map(|(one, other)| one.as_ref().zip(other.as_ref())) {
-        assert_eq!(one.velocity, other.velocity);
+        // The axes of a velocity are those of the measured position, which has an error of its own.
+        assert!((one.velocity - other.velocity).norm() < 1e-6);
         compared += 1;
     }
     assert!(compared > 20);

@@ -21,7 +21,7 @@ use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
-use skein_common::frame::Origin;
+use skein_common::frame::{Geodetic, Origin, TangentPlane};
 use skein_common::math::{cos, hypot};
 use skein_common::message::{SimulatorFault, Standstill};
 
@@ -115,6 +115,9 @@ pub struct Client {
     /// When the rotor speed arrived, and its value in revolutions per minute.
     pub(super) rotor_speed: Option<(Instant, f32)>,
     version: Option<u32>,
+    /// Latitude and longitude of the origin of X-Plane's local frame, deg, as last received, and the frame.
+    reference_deg: [Option<f32>; 2],
+    plane: Option<TangentPlane>,
     /// The newest position that has not yet made a frame, and its arrival time.
     position: Option<(Position, Instant)>,
     pub(super) last_position: Option<Instant>,
@@ -153,6 +156,8 @@ impl Client {
             was_placed: false,
             rotor_speed: None,
             version: None,
+            reference_deg: [None; 2],
+            plane: None,
             position: None,
             last_position: None,
             last_subscribed: None,
@@ -390,6 +395,8 @@ impl Client {
                 }
                 Some(Value::RotorSpeed) => self.rotor_speed = Some((now, value)),
                 Some(Value::Version) => self.version = Some(value as u32),
+                Some(Value::ReferenceLatitude) => self.refer_to(0, value),
+                Some(Value::ReferenceLongitude) => self.refer_to(1, value),
                 Some(part @ (Value::Latitude | Value::Longitude | Value::Elevation)) => {
                     self.senders.place(part, value, now);
                 }
@@ -402,6 +409,18 @@ impl Client {
         }
         self.clock.set_paused(self.is_paused || self.is_in_replay);
         Ok(())
+    }
+
+    /// Takes the latitude or longitude of the origin of X-Plane's local frame, which X-Plane moves after an aircraft that flies
+    /// far.
+    fn refer_to(&mut self, part: usize, degrees: f32) {
+        if self.reference_deg[part] == Some(degrees) {
+            return;
+        }
+        self.reference_deg[part] = Some(degrees);
+        let [latitude_deg, longitude_deg] = self.reference_deg.map(|degrees| degrees.map(f64::from));
+        let place = latitude_deg.zip(longitude_deg).map(|(lat, lon)| Geodetic::from_degrees(lat, lon, 0.0));
+        self.plane = place.filter(Geodetic::is_plausible).map(TangentPlane::new);
     }
 
     /// Counts a datagram of another program; logs the first, second, fourth, eighth and so on.
@@ -427,7 +446,7 @@ impl Client {
             .rotor_speed
             .filter(|&(since, _)| at.saturating_duration_since(since) < STALE)
             .map(|(_, rpm)| convert::rad_s_from_rpm(rpm.into()));
-        let Some(measurement) = convert::measurement(&position, rotor_speed_rad_s) else {
+        let Some(measurement) = convert::measurement(&position, self.plane.as_ref(), rotor_speed_rad_s) else {
             self.refuse(WireError::OutOfRange);
             return None;
         };

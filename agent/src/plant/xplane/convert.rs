@@ -1,13 +1,15 @@
 //! Converts X-Plane's position to our units and axes and back. Degrees, revolutions per minute and south stay in this
 //! folder.
 //!
-//! X-Plane's velocity and attitude refer to the tangent plane at its own origin, which is within a few kilometres of
-//! the swarm's. The two planes differ by 0.16 mrad per kilometre, which is neglected. Both sides take mean sea level as
-//! the ellipsoid.
+//! X-Plane's velocity and attitude refer to the plane that touches the Earth at X-Plane's own origin, which may be 100 km
+//! from the aircraft. There the plane is tilted by 16 mrad against the local vertical: without a conversion, level flight
+//! at 7 m/s would appear as a climb of 0.1 m/s. A measurement is local, so that both are rotated from the plane to the
+//! local axes, and back in the stand-in. Both sides take mean sea level as the ellipsoid.
 
 use std::f64::consts::TAU;
 
-use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wrap_rad};
+use nalgebra::Rotation3;
+use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, TangentPlane, VelocityNed, wrap_rad};
 
 use super::wire::aircraft::{Move, Physics};
 use super::wire::rpos::Position;
@@ -28,22 +30,34 @@ pub(super) fn rpm_from_rad_s(rad_s: f64) -> f64 {
     rad_s * 60.0 / TAU
 }
 
-/// Measurement of a position, or `None` if it is not plausible for a helicopter.
-pub(super) fn measurement(position: &Position, rotor_speed_rad_s: Option<f64>) -> Option<Measurement> {
+/// Measurement of a position, or `None` if it is not plausible for a helicopter. `plane` is X-Plane's local frame; while it
+/// is unknown, it is taken to touch the Earth at the aircraft.
+pub(super) fn measurement(
+    position: &Position,
+    plane: Option<&TangentPlane>,
+    rotor_speed_rad_s: Option<f64>,
+) -> Option<Measurement> {
     let angle = |degrees: f32| f64::from(degrees).to_radians();
+    let place = Geodetic::from_degrees(position.latitude_deg, position.longitude_deg, position.elevation_m);
+    let velocity = VelocityNed::new(
+        -f64::from(position.velocity_south_m_s),
+        position.velocity_east_m_s.into(),
+        -f64::from(position.velocity_up_m_s),
+    );
+    let attitude = Attitude {
+        roll_rad: angle(position.roll_deg),
+        pitch_rad: angle(position.pitch_deg),
+        heading_rad: wrap_rad(angle(position.heading_deg)),
+    };
+    let (velocity, attitude) = match plane {
+        Some(plane) => rotated(&plane.local_from_plane(&place), velocity, attitude),
+        None => (velocity, attitude),
+    };
     let measurement = Measurement {
-        position: Geodetic::from_degrees(position.latitude_deg, position.longitude_deg, position.elevation_m),
+        position: place,
         height_m: position.height_m.into(),
-        velocity: VelocityNed::new(
-            -f64::from(position.velocity_south_m_s),
-            position.velocity_east_m_s.into(),
-            -f64::from(position.velocity_up_m_s),
-        ),
-        attitude: Attitude {
-            roll_rad: angle(position.roll_deg),
-            pitch_rad: angle(position.pitch_deg),
-            heading_rad: wrap_rad(angle(position.heading_deg)),
-        },
+        velocity,
+        attitude,
         rates: BodyRates {
             roll_rad_s: position.roll_rate_rad_s.into(),
             pitch_rad_s: position.pitch_rate_rad_s.into(),
@@ -63,20 +77,33 @@ pub(super) fn measurement(position: &Position, rotor_speed_rad_s: Option<f64>) -
     plausible.then_some(measurement)
 }
 
+/// Velocity and attitude in other axes.
+fn rotated(
+    rotation: &Rotation3<f64>,
+    VelocityNed(velocity): VelocityNed,
+    attitude: Attitude,
+) -> (VelocityNed, Attitude) {
+    let (roll_rad, pitch_rad, heading_rad) = (rotation * attitude.ned_from_body()).euler_angles();
+    (VelocityNed(rotation * velocity), Attitude { roll_rad, pitch_rad, heading_rad })
+}
+
 /// Ground truth of the simulator: its own position.
 pub(super) fn truth(measurement: &Measurement, origin: &Origin) -> GroundTruth {
+    let (position, convergence) = origin.locate(&measurement.position);
     GroundTruth {
-        position: origin.ned_from_geodetic(&measurement.position),
+        position,
         height_m: measurement.height_m,
-        velocity: measurement.velocity,
-        attitude: measurement.attitude,
+        velocity: convergence.velocity_from_local(measurement.velocity),
+        attitude: convergence.attitude_from_local(measurement.attitude),
         power_w: None,
     }
 }
 
-/// Position that X-Plane would send for this measurement.
-pub(super) fn position(measurement: &Measurement) -> Position {
-    let Measurement { position, height_m, velocity, attitude, rates, .. } = measurement;
+/// Position that X-Plane would send for this measurement, with its local frame in this plane.
+pub(super) fn position(measurement: &Measurement, plane: &TangentPlane) -> Position {
+    let Measurement { position, height_m, rates, .. } = measurement;
+    let plane_from_local = plane.local_from_plane(position).inverse();
+    let (velocity, attitude) = rotated(&plane_from_local, measurement.velocity, measurement.attitude);
     let heading_deg = attitude.heading_rad.to_degrees().rem_euclid(360.0);
     Position {
         longitude_deg: position.longitude_deg(),
@@ -129,7 +156,7 @@ mod tests {
             velocity_south_m_s: 3.0,
             ..level()
         };
-        let Measurement { velocity, attitude, position, .. } = measurement(&flying, None).unwrap();
+        let Measurement { velocity, attitude, position, .. } = measurement(&flying, None, None).unwrap();
         assert_eq!(velocity, VelocityNed::new(-3.0, 1.0, -2.0));
         assert!((attitude.heading_rad + TAU / 4.0).abs() < 1e-9);
         assert!((attitude.pitch_rad - 10f64.to_radians()).abs() < 1e-7);
@@ -148,15 +175,33 @@ mod tests {
             yaw_rate_rad_s: 0.25,
             ..level()
         };
-        let back = position(&measurement(&flying, None).unwrap());
-        assert!((back.heading_deg - 300.0).abs() < 1e-4 && (back.latitude_deg - 28.0).abs() < 1e-12);
-        assert_eq!(back.velocity_south_m_s, -8.0);
-        assert_eq!(back.yaw_rate_rad_s, 0.25);
+        for (latitude_deg, longitude_deg) in [(28.0, -82.0), (28.9, -81.1), (-89.0, 10.0)] {
+            let plane = TangentPlane::new(Geodetic::from_degrees(latitude_deg, longitude_deg, 0.0));
+            let back = position(&measurement(&flying, Some(&plane), None).unwrap(), &plane);
+            assert!((back.heading_deg - 300.0).abs() < 1e-4 && (back.latitude_deg - 28.0).abs() < 1e-12);
+            assert!((back.velocity_south_m_s + 8.0).abs() < 1e-5 && (back.roll_deg - 4.5).abs() < 1e-4);
+            assert_eq!(back.yaw_rate_rad_s, 0.25);
+        }
+    }
+
+    #[test]
+    fn level_flight_far_from_the_simulators_origin_is_level() {
+        // 100 km east of X-Plane's origin: its plane is tilted by 16 mrad and its north by 7 mrad against the local axes.
+        let plane = TangentPlane::new(Geodetic::from_degrees(28.0, -83.0186, 0.0));
+        let east = Attitude { heading_rad: TAU / 4.0, ..Attitude::default() };
+        let level = measurement(&level(), None, None).unwrap();
+        let level = Measurement { velocity: VelocityNed::new(0.0, 7.0, 0.0), attitude: east, ..level };
+        let sent = position(&level, &plane);
+        assert!((sent.velocity_up_m_s + 0.11).abs() < 0.01 && (sent.pitch_deg + 0.9).abs() < 0.01, "{sent:?}");
+        assert!((sent.heading_deg - 89.52).abs() < 0.01, "{sent:?}");
+        let received = measurement(&sent, Some(&plane), None).unwrap();
+        assert!((received.velocity - level.velocity).norm() < 1e-5, "{received:?}");
+        assert!((received.attitude.heading_rad - TAU / 4.0).abs() < 1e-6 && received.attitude.pitch_rad.abs() < 1e-6);
     }
 
     #[test]
     fn motion_beyond_any_helicopter_is_refused() {
-        assert!(measurement(&level(), None).is_some());
+        assert!(measurement(&level(), None, None).is_some());
         let impossible = [
             Position { velocity_up_m_s: 501.0, ..level() },
             Position { elevation_m: 2e5, ..level() },
@@ -167,7 +212,7 @@ mod tests {
             Position { height_m: 1e6, ..level() },
         ];
         for position in impossible {
-            assert_eq!(measurement(&position, None), None, "{position:?}");
+            assert_eq!(measurement(&position, None, None), None, "{position:?}");
         }
     }
 }

@@ -104,13 +104,13 @@ pub fn start_of(scenario: &Scenario, id: VehicleId) -> Option<Placement> {
     let nth = scenario.ids().position(|other| other == id)?;
     let start = *starts(scenario).ok()?.get(nth)?;
     let origin = Origin::new(scenario.origin.geodetic());
-    let place = origin.geodetic_from_ned(PositionNed::new(start.north_m, start.east_m, 0.0));
+    let (place, convergence) = origin.place(PositionNed::new(start.north_m, start.east_m, 0.0));
     Some(Placement {
         aircraft: 0,
         latitude_deg: place.latitude_deg(),
         longitude_deg: place.longitude_deg(),
         elevation_m: place.altitude_m,
-        heading_deg: start.heading_rad.to_degrees().rem_euclid(360.0),
+        heading_deg: convergence.heading_to_local(start.heading_rad).to_degrees().rem_euclid(360.0),
         speed_m_s: 0.0,
     })
 }

@@ -32,7 +32,7 @@ pub use datarefs::{DEFAULT_ACF, Dataref, Surroundings, ValueType};
 use datarefs::{Handle, Others, Situation, reference_below};
 use output::{Radar, Rows};
 use settings::{Setting, Settings};
-use skein_common::frame::Origin;
+use skein_common::frame::TangentPlane;
 use skein_core::plant::{Controls, Frame};
 pub use weather::{MOST_TURBULENT, SEVERE_W20_M_S};
 pub use web::{Flight, Task, Value};
@@ -112,7 +112,7 @@ pub struct Server {
     others: Others,
     loaded: BTreeMap<u8, String>,
     /// Origin of X-Plane's local frame.
-    reference: Option<Origin>,
+    reference: Option<TangentPlane>,
     has_collective: bool,
     /// Whether a client has moved the pilot's stick.
     has_stick: bool,

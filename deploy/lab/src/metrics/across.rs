@@ -12,8 +12,10 @@ use skein_common::id::{FleetVehicle, TeamId, VehicleId};
 
 use super::COLLISION_M;
 
-/// Slack of a box around a team, m: more than the rounding and the curvature of the Earth over a team's extent.
+/// Slack of a box around a team, m and as a share of its extent: more than the rounding, and than the different scales of two
+/// frames up to 200 km apart.
 const SLACK_M: f64 = 2.0;
+const SLACK: f64 = 2e-3;
 
 /// The vehicles of one team in the air, at a number of instants.
 #[derive(Debug)]
@@ -69,7 +71,8 @@ impl Airborne {
         };
         let nothing = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
         let (least, largest) = corners.fold(nothing, around);
-        Some((least.add_scalar(-SLACK_M), largest.add_scalar(SLACK_M)))
+        let slack_m = SLACK_M + SLACK * (largest - least).norm();
+        Some((least.add_scalar(-slack_m), largest.add_scalar(slack_m)))
     }
 }
 

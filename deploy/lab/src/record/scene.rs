@@ -85,17 +85,17 @@ fn transform(time: Timestamp, child: String, place: Vector3, rotation: UnitQuate
     FrameTransforms { transforms: vec![transform] }
 }
 
-/// The vehicle's position on the globe, from its ground truth.
+/// The vehicle's position on the globe, from its ground truth. Heading and velocity refer to its local north and vertical.
 pub(super) fn location(time: Timestamp, origin: &Origin, trace: &Trace) -> LocationFix {
-    let place = origin.geodetic_from_ned(trace.position);
+    let (place, convergence) = origin.place(trace.position);
     LocationFix {
         timestamp: Some(time),
         frame_id: frame(trace.header.sender),
         latitude: place.latitude_deg(),
         longitude: place.longitude_deg(),
         altitude: place.altitude_m,
-        heading: Some(trace.attitude.heading_rad),
-        velocity: Some(enu_from_ned(trace.velocity.0)),
+        heading: Some(convergence.heading_to_local(trace.attitude.heading_rad)),
+        velocity: Some(enu_from_ned(convergence.velocity_to_local(trace.velocity).0)),
         color: Some(colour(trace.header.sender, 1.0)),
         ..LocationFix::default()
     }

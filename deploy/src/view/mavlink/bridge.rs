@@ -197,7 +197,7 @@ impl System {
         if is_new {
             self.arrived = Some(arrived);
             let time_boot_ms = u32::try_from(arrived.as_millis()).unwrap_or(u32::MAX);
-            messages.push(telemetry::attitude(sample, time_boot_ms));
+            messages.push(telemetry::attitude(sample, &self.origin, time_boot_ms));
             messages.push(telemetry::position(sample, &self.origin, &self.home, time_boot_ms));
         }
         let has_changed = self.activity != Some(sample.activity);

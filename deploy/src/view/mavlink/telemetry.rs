@@ -1,10 +1,11 @@
-//! What a vehicle's summary is in MAVLink: its units, frames and signs. What a summary does not have is sent as unknown.
+//! What a vehicle's summary is in MAVLink: its units, frames and signs. Velocities and headings are local there: they refer to
+//! the meridian of the vehicle's position. What a summary does not have is sent as unknown.
 
 use mavlink::dialects::common::{
     ATTITUDE_DATA, EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA, MavAutopilot,
     MavMessage, MavSeverity, MavType, MavVtolState, STATUSTEXT_DATA, SYS_STATUS_DATA, VFR_HUD_DATA,
 };
-use skein_common::frame::{Geodetic, Origin};
+use skein_common::frame::{Convergence, Geodetic, Origin};
 use skein_common::math;
 
 use super::modes::{self, Mode};
@@ -27,8 +28,8 @@ pub(super) fn heartbeat(sample: &VehicleSample) -> MavMessage {
 
 /// Position and velocity. Altitudes are above the ellipsoid, and above the swarm's origin, which is the home position.
 pub(super) fn position(sample: &VehicleSample, origin: &Origin, home: &Geodetic, time_boot_ms: u32) -> MavMessage {
-    let place = origin.geodetic_from_ned(sample.position);
-    let [north_m_s, east_m_s, down_m_s] = <[f64; 3]>::from(sample.velocity);
+    let (place, convergence) = origin.place(sample.position);
+    let [north_m_s, east_m_s, down_m_s] = <[f64; 3]>::from(convergence.velocity_to_local(sample.velocity));
     MavMessage::GLOBAL_POSITION_INT(GLOBAL_POSITION_INT_DATA {
         time_boot_ms,
         lat: degrees_e7(place.latitude_rad),
@@ -38,18 +39,18 @@ pub(super) fn position(sample: &VehicleSample, origin: &Origin, home: &Geodetic,
         vx: centimetres(north_m_s),
         vy: centimetres(east_m_s),
         vz: centimetres(down_m_s),
-        hdg: (heading_deg(sample) * 100.0).round() as u16,
+        hdg: (heading_deg(sample, &convergence) * 100.0).round() as u16,
     })
 }
 
 /// Attitude: body axes forward, right, down against north, east, down. Rates are unknown.
-pub(super) fn attitude(sample: &VehicleSample, time_boot_ms: u32) -> MavMessage {
-    let (sin, cos) = math::sin_cos(sample.attitude.heading_rad);
+pub(super) fn attitude(sample: &VehicleSample, origin: &Origin, time_boot_ms: u32) -> MavMessage {
+    let (_, convergence) = origin.place(sample.position);
     MavMessage::ATTITUDE(ATTITUDE_DATA {
         time_boot_ms,
         roll: sample.attitude.roll_rad as f32,
         pitch: sample.attitude.pitch_rad as f32,
-        yaw: math::atan2(sin, cos) as f32,
+        yaw: convergence.heading_to_local(sample.attitude.heading_rad) as f32,
         rollspeed: f32::NAN,
         pitchspeed: f32::NAN,
         yawspeed: f32::NAN,
@@ -58,14 +59,15 @@ pub(super) fn attitude(sample: &VehicleSample, time_boot_ms: u32) -> MavMessage 
 
 /// The figures of a head-up display. Airspeed is unknown; the throttle is the collective, 0 without one.
 pub(super) fn hud(sample: &VehicleSample, origin: &Origin) -> MavMessage {
+    let (place, convergence) = origin.place(sample.position);
     let [north_m_s, east_m_s, down_m_s] = <[f64; 3]>::from(sample.velocity);
     let collective = sample.controls.map_or(0.0, |[.., collective]| collective);
     MavMessage::VFR_HUD(VFR_HUD_DATA {
         airspeed: f32::NAN,
         groundspeed: math::hypot(north_m_s, east_m_s) as f32,
-        alt: origin.geodetic_from_ned(sample.position).altitude_m as f32,
+        alt: place.altitude_m as f32,
         climb: -down_m_s as f32,
-        heading: heading_deg(sample) as i16,
+        heading: heading_deg(sample, &convergence) as i16,
         throttle: (collective * 100.0).round().clamp(0.0, 100.0) as u16,
     })
 }
@@ -133,9 +135,9 @@ fn centimetres(speed_m_s: f64) -> i16 {
     (speed_m_s * 1e2).round() as i16
 }
 
-/// The heading, 0 to less than 360 degrees.
-fn heading_deg(sample: &VehicleSample) -> f64 {
-    let heading_deg = sample.attitude.heading_rad.to_degrees().rem_euclid(360.0);
+/// The heading from the local north, 0 to less than 360 degrees.
+fn heading_deg(sample: &VehicleSample, convergence: &Convergence) -> f64 {
+    let heading_deg = convergence.heading_to_local(sample.attitude.heading_rad).to_degrees().rem_euclid(360.0);
     // To the hundredth that is sent: 359.996 is north.
     let rounded = (heading_deg * 100.0).round() / 100.0;
     if rounded >= 360.0 { 0.0 } else { rounded }

@@ -9,7 +9,7 @@ use mavlink::dialects::common::{
     MavModeFlag, MavResult, PARAM_REQUEST_LIST_DATA, SET_MODE_DATA,
 };
 use proptest::prelude::*;
-use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
+use skein_common::frame::{Attitude, Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::VehicleId;
 use skein_common::message::{Failure, Verb};
 use skein_common::scenario::{Source, load, load_any};
@@ -117,8 +117,12 @@ fn positions_and_velocities_are_degrees_millimetres_and_centimetres_in_north_eas
     assert_eq!((place.vx, place.vy, place.vz, place.time_boot_ms), (150, -200, -25, 7));
     assert_eq!(place.hdg, 27_000, "west");
 
-    let MavMessage::ATTITUDE(attitude) = telemetry::attitude(&sample(Activity::Formation), 7) else { panic!() };
-    assert_eq!((attitude.roll, attitude.pitch, attitude.yaw), (0.1, -0.2, -FRAC_PI_2 as f32));
+    let MavMessage::ATTITUDE(attitude) = telemetry::attitude(&sample(Activity::Formation), &origin, 7) else {
+        panic!()
+    };
+    assert_eq!((attitude.roll, attitude.pitch), (0.1, -0.2));
+    // 50 m west of the origin, its meridian is turned by four millionths of a radian.
+    assert!((attitude.yaw + FRAC_PI_2 as f32).abs() < 1e-5, "{}", attitude.yaw);
     assert!(attitude.rollspeed.is_nan(), "unknown");
     let MavMessage::VFR_HUD(hud) = telemetry::hud(&sample(Activity::Formation), &origin) else { panic!() };
     assert_eq!((hud.groundspeed, hud.climb, hud.heading, hud.throttle), (2.5, 0.25, 270, 55));
@@ -137,15 +141,34 @@ fn a_heading_is_from_0_to_less_than_360_degrees_and_a_yaw_within_half_a_turn() {
     for (heading_rad, hdg, yaw_rad) in
         [(0.0, 0, 0.0), (-1e-9, 0, -1e-9), (1.5 * PI, 27_000, -FRAC_PI_2), (3.0 * PI - 0.01, 17_942, PI - 0.01)]
     {
-        let mut sample = sample(Activity::Formation);
+        let mut sample = VehicleSample { position: PositionNed::default(), ..sample(Activity::Formation) };
         sample.attitude.heading_rad = heading_rad;
         let MavMessage::GLOBAL_POSITION_INT(place) = telemetry::position(&sample, &Origin::new(home), &home, 0) else {
             panic!()
         };
-        let MavMessage::ATTITUDE(attitude) = telemetry::attitude(&sample, 0) else { panic!() };
+        let MavMessage::ATTITUDE(attitude) = telemetry::attitude(&sample, &Origin::new(home), 0) else { panic!() };
         assert!(place.hdg.abs_diff(hdg) <= 1 && place.hdg < 36_000, "{heading_rad}: {}", place.hdg);
         assert!((f64::from(attitude.yaw) - yaw_rad).abs() < 1e-6, "{heading_rad}: {}", attitude.yaw);
     }
+}
+
+#[test]
+fn far_from_the_origin_velocity_and_heading_refer_to_the_local_north_and_altitudes_to_the_ellipsoid() {
+    // 100 km east of an origin at 60 degrees north the meridian is turned by 1.56 degrees to the west.
+    let home = Geodetic::from_degrees(60.0, 10.0, 100.0);
+    let origin = Origin::new(home);
+    let position = PositionNed::new(0.0, 1e5, -30.0);
+    let attitude = Attitude { heading_rad: 0.0, ..Attitude::default() };
+    let velocity = VelocityNed::new(10.0, 0.0, 0.0);
+    let sample = VehicleSample { position, attitude, velocity, ..sample(Activity::Formation) };
+    let MavMessage::GLOBAL_POSITION_INT(place) = telemetry::position(&sample, &origin, &home, 0) else { panic!() };
+    assert_eq!((place.alt, place.relative_alt), (130_000, 30_000));
+    assert!(place.hdg.abs_diff(156) <= 3, "{}", place.hdg);
+    assert_eq!((place.vx, place.vy), (1000, 27));
+    let MavMessage::ATTITUDE(attitude) = telemetry::attitude(&sample, &origin, 0) else { panic!() };
+    assert!((attitude.yaw - 0.0272).abs() < 3e-4, "{}", attitude.yaw);
+    let MavMessage::VFR_HUD(hud) = telemetry::hud(&sample, &origin) else { panic!() };
+    assert_eq!((hud.alt, hud.heading), (130.0, 1));
 }
 
 #[test]

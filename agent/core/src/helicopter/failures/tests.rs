@@ -5,7 +5,7 @@ use skein_common::scenario::{ScriptedOrder, ScriptedVerb};
 use super::*;
 use crate::helicopter::tests::xcell60;
 use crate::helicopter::{BuiltInVehicle, Helicopter, LocalWind, Start, TICK_S, Weather};
-use crate::plant::{Controls, Frame};
+use crate::plant::{Controls, Frame, Measurement};
 use crate::random::{self, Purpose, uniform};
 use crate::testing::id;
 
@@ -126,8 +126,14 @@ fn a_frozen_position_repeats_while_the_vehicle_flies() {
     let mut never = in_the_air();
     let never = fly(&mut never, CLIMB, 2.0);
     assert_eq!(vehicle.frame(), never, "all other measurements stayed live");
-    let position = frozen.measurement.position;
-    assert_eq!(Frame { measurement: crate::plant::Measurement { position, ..never.measurement }, ..never }, frozen);
+    // Velocity and heading are measured from the meridian of the measured position, which is the frozen one.
+    let Measurement { position, velocity, attitude, .. } = frozen.measurement;
+    assert!((velocity - never.measurement.velocity).norm() < 1e-4);
+    assert!((attitude.heading_rad - never.measurement.attitude.heading_rad).abs() < 1e-5);
+    assert_eq!(
+        Frame { measurement: Measurement { position, velocity, attitude, ..never.measurement }, ..never },
+        frozen
+    );
 }
 
 #[test]

@@ -63,10 +63,17 @@ fn a_vehicle_starts_at_its_start_position() {
 fn the_measurement_is_exact() {
     let frame = after(vehicle(1, 1), [Some(CLIMB); 100]);
     let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 10.0));
-    let back = origin.ned_from_geodetic(&frame.measurement.position);
+    let (back, convergence) = origin.locate(&frame.measurement.position);
     assert!((back - frame.truth.position).norm() < 1e-5, "{:?}", back - frame.truth.position);
-    assert_eq!(frame.measurement.velocity, frame.truth.velocity);
-    assert_eq!(frame.measurement.attitude, frame.truth.attitude);
+    // The measured velocity and heading are local.
+    let velocity = convergence.velocity_from_local(frame.measurement.velocity);
+    assert!((velocity - frame.truth.velocity).norm() < 1e-12);
+    let attitude = convergence.attitude_from_local(frame.measurement.attitude);
+    assert!((attitude.heading_rad - frame.truth.attitude.heading_rad).abs() < 1e-12);
+    assert_eq!(
+        (attitude.roll_rad, attitude.pitch_rad),
+        (frame.truth.attitude.roll_rad, frame.truth.attitude.pitch_rad)
+    );
     assert!((frame.measurement.height_m + frame.truth.position.down_m()).abs() < 1e-12);
     assert!(frame.truth.power_w.unwrap() > 900.0);
 }

@@ -175,7 +175,7 @@ impl Plain {
             (_, Some(lost_at)) if self.now.seconds_since(lost_at) > 10.0 => Role::Nothing,
             _ => Role::Obstacle { radius_m: 8.0 + age_s.min(12.0) },
         };
-        let VehicleState { velocity, heading_rad, .. } = last.state;
+        let ReceivedState { velocity, heading_rad, .. } = last;
         let position = last.position + velocity.0 * carried_s;
         let delay_s = delay.map(|delay| delay.most_s);
         PeerEstimate { id, position, velocity, heading_rad, age_s, delay_s, carried_s, standing, role }

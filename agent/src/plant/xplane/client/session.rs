@@ -4,7 +4,7 @@
 //! Two facts still identify its datagrams:
 //!
 //! * A reply to a dataref request (RREF) echoes the request's index. Each session draws its indices at random, so only
-//!   the queried simulator knows them. A datagram of 183 guesses contains three of seventeen indices out of 2³¹ with
+//!   the queried simulator knows them. A datagram of 183 guesses contains three of nineteen indices out of 2³¹ with
 //!   probability 10⁻¹⁸.
 //! * A position (RPOS) echoes nothing. It is the simulator's if it comes from the same port as values with our indices.
 //!   A simulator that sends the two kinds from different ports is recognised by agreement: its positions agree with the
@@ -59,10 +59,12 @@ pub(super) enum Value {
     Latitude,
     Longitude,
     Elevation,
+    ReferenceLatitude,
+    ReferenceLongitude,
 }
 
 impl Value {
-    pub(super) const ALL: [Self; 17] = [
+    pub(super) const ALL: [Self; 19] = [
         Self::RunningTime,
         Self::Paused,
         Self::InReplay,
@@ -80,6 +82,8 @@ impl Value {
         Self::Latitude,
         Self::Longitude,
         Self::Elevation,
+        Self::ReferenceLatitude,
+        Self::ReferenceLongitude,
     ];
 
     /// Path of the value's dataref, `None` if the aircraft's profile has none.
@@ -104,6 +108,9 @@ impl Value {
             Self::Latitude => "sim/flightmodel/position/latitude",
             Self::Longitude => "sim/flightmodel/position/longitude",
             Self::Elevation => "sim/flightmodel/position/elevation",
+            // Where the local frame, to which velocity and attitude refer, touches the Earth.
+            Self::ReferenceLatitude => "sim/flightmodel/position/lat_ref",
+            Self::ReferenceLongitude => "sim/flightmodel/position/lon_ref",
         })
     }
 }

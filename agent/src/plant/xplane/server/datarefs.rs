@@ -6,7 +6,7 @@ use super::settings::{AIRCRAFT, ENGINES, Setting, Settings};
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
 use crate::plant::xplane::wire::aircraft::Move;
 use crate::plant::xplane::wire::rpos::Position;
-use skein_common::frame::{Geodetic, Origin};
+use skein_common::frame::{Attitude, Geodetic, TangentPlane};
 use skein_common::math;
 use skein_core::aircraft::name_and_element;
 use skein_core::helicopter::Weather;
@@ -25,6 +25,8 @@ const TEXT: usize = 512;
 /// State of the simulation from which values are computed.
 pub(super) struct Situation {
     pub(super) position: Position,
+    /// Attitude against the Earth right below the aircraft.
+    pub(super) true_attitude: Attitude,
     pub(super) rotor_speed_rad_s: f64,
     /// Place in the local frame, m: east, up, south of the reference at sea level.
     pub(super) local_m: [f64; 3],
@@ -71,18 +73,19 @@ impl Default for Surroundings {
 pub const DEFAULT_ACF: &str = "Aircraft/Skein/xcell60/xcell60.acf";
 
 /// The point at sea level below the place, where X-Plane's local frame has its origin.
-pub(super) fn reference_below(place: &Geodetic) -> Origin {
-    Origin::new(Geodetic { altitude_m: 0.0, ..*place })
+pub(super) fn reference_below(place: &Geodetic) -> TangentPlane {
+    TangentPlane::new(Geodetic { altitude_m: 0.0, ..*place })
 }
 
 impl Situation {
-    pub(super) fn new(frame: &Frame, reference: &Origin, surroundings: &Surroundings, version: i32) -> Self {
+    pub(super) fn new(frame: &Frame, reference: &TangentPlane, surroundings: &Surroundings, version: i32) -> Self {
         let local = reference.ned_from_geodetic(&frame.measurement.position);
         Self {
-            local_m: [local.east_m(), -local.down_m(), -local.north_m()],
+            local_m: [local.y, -local.z, -local.x],
             reference: reference.geodetic(),
             surroundings: surroundings.clone(),
-            position: convert::position(&frame.measurement),
+            position: convert::position(&frame.measurement, reference),
+            true_attitude: frame.measurement.attitude,
             rotor_speed_rad_s: frame.measurement.rotor_speed_rad_s.unwrap_or(0.0),
             flight_s: frame.time.seconds(),
             running_s: 0.0,
@@ -103,8 +106,8 @@ impl Situation {
     fn other_local_m(&self, number: usize) -> [f64; 3] {
         let Some(moved) = &self.others[number - 1] else { return [0.0; 3] };
         let place = Geodetic::from_degrees(moved.latitude_deg, moved.longitude_deg, moved.elevation_m);
-        let local = Origin::new(self.reference).ned_from_geodetic(&place);
-        [local.east_m(), -local.down_m(), -local.north_m()]
+        let local = TangentPlane::new(self.reference).ned_from_geodetic(&place);
+        [local.y, -local.z, -local.x]
     }
 }
 
@@ -263,11 +266,11 @@ static DATAREFS: &[Dataref] = &{
         scalar("sim/flightmodel/position/local_vz", Computed(|s| s.position.velocity_south_m_s.into())),
         scalar("sim/flightmodel/position/groundspeed", Computed(groundspeed_m_s)),
         scalar("sim/flightmodel/position/theta", Computed(|s| s.position.pitch_deg.into())),
-        scalar("sim/flightmodel/position/true_theta", Computed(|s| s.position.pitch_deg.into())),
+        scalar("sim/flightmodel/position/true_theta", Computed(|s| s.true_attitude.pitch_rad.to_degrees())),
         scalar("sim/flightmodel/position/phi", Computed(|s| s.position.roll_deg.into())),
-        scalar("sim/flightmodel/position/true_phi", Computed(|s| s.position.roll_deg.into())),
+        scalar("sim/flightmodel/position/true_phi", Computed(|s| s.true_attitude.roll_rad.to_degrees())),
         scalar("sim/flightmodel/position/psi", Computed(|s| s.position.heading_deg.into())),
-        scalar("sim/flightmodel/position/true_psi", Computed(|s| s.position.heading_deg.into())),
+        scalar("sim/flightmodel/position/true_psi", Computed(|s| s.true_attitude.heading_rad.to_degrees().rem_euclid(360.0))),
         scalar("sim/flightmodel/position/P", Computed(|s| f64::from(s.position.roll_rate_rad_s).to_degrees())),
         scalar("sim/flightmodel/position/Q", Computed(|s| f64::from(s.position.pitch_rate_rad_s).to_degrees())),
         scalar("sim/flightmodel/position/R", Computed(|s| f64::from(s.position.yaw_rate_rad_s).to_degrees())),

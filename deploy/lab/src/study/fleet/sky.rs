@@ -21,6 +21,7 @@ struct InAir {
     id: FleetVehicle,
     order: MessageOrder,
     position: Geodetic,
+    /// Velocity over the ground, local.
     velocity: VelocityNed,
     /// Time at which an ideal network delivers it.
     at: LocalTime,
@@ -45,11 +46,12 @@ pub(super) struct Sent {
 }
 
 impl Sent {
-    /// Adds a state that an ideal network delivers at this time; `map` is the origin of the cells.
-    pub(super) fn add(&mut self, map: &Origin, id: FleetVehicle, state: &ReceivedState, at: LocalTime) {
-        let position = state.state.position;
-        let bytes = skein_common::message::encoded_len(&state.message()) as u32;
-        let in_air = InAir { id, order: state.header.order(), position, velocity: state.state.velocity, at, bytes };
+    /// Adds a state that an ideal network delivers at this time. `map` is the origin of the cells, `team` that of the sender's
+    /// frame.
+    pub(super) fn add(&mut self, [map, team]: [&Origin; 2], id: FleetVehicle, state: &ReceivedState, at: LocalTime) {
+        let &ReceivedState { header, geodetic: position, velocity, .. } = state;
+        let velocity = team.convergence_at(&position).velocity_to_local(velocity);
+        let in_air = InAir { id, order: header.order(), position, velocity, at, bytes: state.message_len() as u32 };
         self.states.push((Cell::of(map.ned_from_geodetic(&position)), in_air));
     }
 
@@ -115,7 +117,8 @@ impl Sky {
                 (0..distinct.len()).filter(|&group| cells[group].binary_search(&cell).is_ok()).collect();
             for sent in self.cells.get(&cell).into_iter().flatten().filter(|sent| sent.id.team != own) {
                 let InAir { id, order, position, velocity, at, bytes } = *sent;
-                let position = origin.ned_from_geodetic(&position);
+                let (position, convergence) = origin.locate(&position);
+                let velocity = convergence.velocity_from_local(velocity);
                 let state = StrangerState { id, order, position, velocity, at };
                 for &group in &receiving {
                     from_others.groups[group].push(state);

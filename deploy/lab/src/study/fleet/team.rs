@@ -199,7 +199,8 @@ impl Team {
         if !self.is_isolated(true) {
             let at = self.world.now();
             for state in self.world.states_in_flight() {
-                self.sent.add(fleet, FleetVehicle { team: self.id, vehicle: state.header.sender }, state, at);
+                let id = FleetVehicle { team: self.id, vehicle: state.header.sender };
+                self.sent.add([fleet, &self.origin], id, state, at);
             }
             for intent in self.world.intents() {
                 self.sent.add_intent(fleet, self.id, intent, at);

@@ -73,7 +73,7 @@ fn indices_are_distinct_and_of_one_session_only() {
 
 #[test]
 fn only_the_queried_simulator_knows_the_indices() {
-    let mut values = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16].map(|nth| 3000 + nth);
+    let mut values = std::array::from_fn(|nth| 3000 + nth as i32);
     values[..5].copy_from_slice(&[5, 900, 17, 4000, 1000]);
     let indices = Indices { values, first_question: 20_000 };
     let assess = |answer: &[i32]| indices.assess(answer.iter().copied());
