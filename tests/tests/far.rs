@@ -80,7 +80,7 @@ fn fly_over_the_protocol(latitude_deg: f64, centre_ne_m: [f64; 2]) {
     assert_eq!(at_altitude, 3, "{what}: {:?}", swarm.events);
 }
 
-const CENTRES_NE_M: [[f64; 2]; 4] = [[0.0, 20_000.0], [0.0, 50_000.0], [-100_000.0, 0.0], [100_000.0, -100_000.0]];
+const CENTRES_NE_M: [[f64; 2]; 4] = [[0.0, 20_000.0], [0.0, 50_000.0], [-99_900.0, 0.0], [99_900.0, -99_900.0]];
 
 #[test]
 fn a_swarm_far_from_the_origin_keeps_its_ring_at_its_altitude_and_lands_over_the_protocol() {
@@ -97,7 +97,9 @@ fn a_ring_at_a_pole_keeps_its_place_over_the_protocol() {
 #[test]
 fn a_study_far_from_the_origin_measures_what_it_measures_at_the_origin() {
     let flown = |latitude_deg: f64, centre_ne_m: [f64; 2]| {
-        let study = of_scenario(hover(latitude_deg, centre_ne_m));
+        // Long enough for the figures of the last 100 s.
+        let file = hover_file(latitude_deg, centre_ne_m).replace("dwell_s = 60", "dwell_s = 200");
+        let study = of_scenario(load(&Source { name: "far.toml", text: &file }, &[]).unwrap().scenario);
         let mut recording = Recording::new(&study.scenario, Run::new(&study.scenario, "study"));
         let report = study.fly_watched(1, Some((&mut recording, 5.0))).unwrap();
         for step in recording.tracks.iter().flat_map(|track| &track.steps) {
@@ -109,7 +111,7 @@ fn a_study_far_from_the_origin_measures_what_it_measures_at_the_origin() {
     };
     let (at_origin, _) = flown(28.0, [0.0, 0.0]);
     for (latitude_deg, centre_ne_m) in
-        [(28.0, [0.0, 20_000.0]), (28.0, [0.0, 50_000.0]), (60.0, [-100_000.0, 100_000.0]), (90.0, [0.0, 0.0])]
+        [(28.0, [0.0, 20_000.0]), (28.0, [0.0, 50_000.0]), (60.0, [-99_900.0, 99_900.0]), (90.0, [0.0, 0.0])]
     {
         let (report, heights_m) = flown(latitude_deg, centre_ne_m);
         let what = format!("latitude {latitude_deg}, centre {centre_ne_m:?}");

@@ -138,8 +138,10 @@ fn the_link_subscribes_at_its_first_wait_and_touches_no_control() {
     assert_eq!(of("sim/flightmodel/position/latitude"), Some(50));
     assert_eq!(of("sim/flightmodel/position/longitude"), Some(50));
     assert_eq!(of("sim/flightmodel/position/elevation"), Some(50));
+    assert_eq!(of("sim/flightmodel/position/lat_ref"), Some(50));
+    assert_eq!(of("sim/flightmodel/position/lon_ref"), Some(50));
     assert_eq!(of("sim/version/xplane_internal_version"), Some(1));
-    assert_eq!(values.len(), 11);
+    assert_eq!(values.len(), 13);
 }
 
 #[test]
