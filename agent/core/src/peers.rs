@@ -67,7 +67,7 @@ pub struct PeerEstimate {
     pub position: PositionNed,
     /// Its velocity as last received.
     pub velocity: VelocityNed,
-    /// Its heading as last received, clockwise from true north, rad.
+    /// Its heading as last received, in the swarm's frame, rad.
     pub heading_rad: f64,
     /// Upper bound of the age of its last state, s, including the delay once it is known.
     pub age_s: f64,
