@@ -1,4 +1,4 @@
-//! A law in Octave, and the tables of a study and of a recording read in Octave. Needs `octave-cli`, which `.ci/long` installs.
+//! A law in Octave, the tables of a study and of a recording read in Octave, and the golden values of Sugeno systems. Needs `octave-cli`, which `.ci/long` installs.
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
@@ -99,4 +99,24 @@ fn a_new_study_for_matlab_flies_in_octave() {
     let lines: Vec<&str> = printed.lines().filter(|line| line.starts_with("loss 0.")).collect();
     assert_eq!(lines.len(), 3, "{printed}");
     assert!(lines.iter().all(|line| line.contains("(median of 2)") && line.ends_with("collisions 0")), "{printed}");
+}
+
+#[test]
+#[ignore = "needs Octave with its fuzzy-logic-toolkit; `.ci/long` installs them"]
+fn the_golden_values_of_sugeno_systems_are_those_of_octave() {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let script = tests.join("src/sugeno.m");
+    let values = run(&tests.join("golden/sugeno"), "octave-cli", &["--quiet", script.to_str().unwrap()]);
+    let golden = fs::read_to_string(tests.join("golden/sugeno.csv")).unwrap();
+    let rows = |text: &str| -> Vec<(String, f64)> {
+        let row = |row: &str| row.rsplit_once(',').map(|(inputs, value)| (inputs.to_owned(), value.parse().unwrap()));
+        text.lines().skip(1).filter_map(row).collect()
+    };
+    let (values, golden) = (rows(&values), rows(&golden));
+    assert_eq!(values.len(), golden.len());
+    for ((inputs, value), (golden_inputs, golden_value)) in values.iter().zip(&golden) {
+        assert_eq!(inputs, golden_inputs);
+        // Another C library may round differently.
+        assert!((value - golden_value).abs() < 1e-12, "{inputs}: {value}, golden {golden_value}");
+    }
 }

@@ -1,9 +1,9 @@
 //! The control stage: converts the formation's setpoint to the vehicle's command.
 //!
 //! A point mass gets velocities ([`VelocityController`]); [`Controller`] is either. The rest of this module is the
-//! [`VehicleController`] of a helicopter. It consists of four independent zero-order Sugeno controllers (roll, pitch,
-//! heading, collective), as in Garcia & Barnes, "Multi-UAV Simulator Utilizing X-Plane" (2010): product "and", weights
-//! of one, weighted average, throttle left to the governor. That paper does not print its rules; those in
+//! [`VehicleController`] of a helicopter. It consists of four independent Sugeno controllers (roll, pitch,
+//! heading, collective), as in Garcia & Barnes, "Multi-UAV Simulator Utilizing X-Plane" (2010): constants, product "and",
+//! weights of one, weighted average, throttle left to the governor. That paper does not print its rules; those in
 //! `deploy/controllers/*.fis` are ours, tuned on the built-in helicopter.
 //!
 //! Inputs of the rules, in SI units:
@@ -20,6 +20,7 @@
 //! The formation commands a velocity, but the rules were written for position errors: R_E and P_E are the errors, m, at
 //! which the rules command that velocity. Only this stage uses them ([`Setpoint::error_ne_m`]).
 
+mod axis;
 mod fis;
 mod gains;
 mod membership;
@@ -28,9 +29,9 @@ mod sugeno;
 mod trim;
 mod velocity;
 
-use alloc::borrow::ToOwned;
 use alloc::format;
 use alloc::sync::Arc;
+use alloc::vec::Vec;
 
 use nalgebra::Vector2;
 use skein_common::frame::{HeadingFrame, wrap_rad};
@@ -154,6 +155,8 @@ pub struct Rules {
     pub heading: Arc<Sugeno>,
     /// Inputs altitude error (m), climb rate (m/s).
     pub collective: Arc<Sugeno>,
+    /// What is unusual about the files that they were read from, each with its place.
+    pub warnings: Arc<[FisError]>,
 }
 
 impl Rules {
@@ -173,25 +176,35 @@ impl Rules {
     ///
     /// # Errors
     ///
-    /// The first fault of a text, with its line: it cannot be read, leaves inputs uncovered or has a wrong number of
-    /// inputs.
+    /// The first fault of a text, with its place: it cannot be read, leaves inputs uncovered, has a wrong number of inputs, or
+    /// contradicts what the controller does: names, units and order of the inputs, the size of the output, and the sign of
+    /// the response.
     pub fn from_texts(files: [(&str, &str); 4]) -> Result<Self, FisError> {
-        let [roll, pitch, heading, collective] = files;
-        let load = |(file, text): (&str, &str), inputs: usize| {
-            let rules = Sugeno::parse(file, text)?;
-            if rules.inputs() == inputs {
-                Ok(Arc::new(rules))
-            } else {
-                let what = format!("this controller has {inputs} inputs, not {}", rules.inputs());
-                Err(FisError { file: file.to_owned(), line: 1, what })
+        let mut warnings = Vec::new();
+        let mut load = |nth: usize| {
+            let (axis, (file, text)) = (&axis::AXES[nth], files[nth]);
+            let (rules, fis, places, output) = Sugeno::parse_output(file, text, axis.outputs)?;
+            if rules.inputs() != axis.inputs.len() {
+                let what = format!("this controller has {} inputs, not {}", axis.inputs.len(), rules.inputs());
+                return Err(places.inputs[0].error(file, what));
             }
+            warnings.extend(axis::check(axis, file, (&fis, &places, output), &rules)?);
+            Ok(Arc::new(rules))
         };
-        Ok(Self {
-            roll: load(roll, 3)?,
-            pitch: load(pitch, 3)?,
-            heading: load(heading, 2)?,
-            collective: load(collective, 2)?,
-        })
+        let (roll, pitch, heading, collective) = (load(0)?, load(1)?, load(2)?, load(3)?);
+        Ok(Self { roll, pitch, heading, collective, warnings: warnings.into() })
+    }
+
+    /// These rules, but for one axis (0 to 3: roll, pitch, heading, collective) those of `other`.
+    pub(crate) fn with_axis_of(&self, axis: usize, other: &Self) -> Self {
+        let mut rules = self.clone();
+        match axis {
+            0 => rules.roll = other.roll.clone(),
+            1 => rules.pitch = other.pitch.clone(),
+            2 => rules.heading = other.heading.clone(),
+            _ => rules.collective = other.collective.clone(),
+        }
+        rules
     }
 }
 

@@ -38,6 +38,7 @@ pub mod fit;
 pub mod formation;
 mod gilbert;
 pub mod helicopter;
+pub mod hover;
 pub mod impairments;
 pub mod intent;
 mod lanes;

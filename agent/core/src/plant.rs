@@ -39,6 +39,12 @@ impl Controls {
         let axis = |value: f64| (-1.0..=1.0).contains(&value);
         axis(self.roll) && axis(self.pitch) && axis(self.yaw) && (0.0..=1.0).contains(&self.collective)
     }
+
+    /// Whether a control is at an end of its travel.
+    pub fn is_at_a_stop(&self) -> bool {
+        let axis = |value: f64| value.abs() >= 1.0;
+        axis(self.roll) || axis(self.pitch) || axis(self.yaw) || self.collective <= 0.0 || self.collective >= 1.0
+    }
 }
 
 /// Velocities for a vehicle that has a velocity controller of its own.

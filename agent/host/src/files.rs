@@ -35,6 +35,32 @@ pub fn read(path: &Path) -> Result<String, FileError> {
     fs::read_to_string(path).map_err(|source| FileError::Read { path: path.to_owned(), source })
 }
 
+/// Reads a text file that another program may have written in UTF-8, UTF-16 or Latin-1, with or without a byte order mark.
+fn read_in_any_encoding(path: &Path) -> Result<String, FileError> {
+    let bytes = fs::read(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+    Ok(decoded(bytes))
+}
+
+/// The text of these bytes. A text without a byte order mark is UTF-16 if every second byte of its beginning is zero, else
+/// UTF-8 if it is valid, else Latin-1.
+fn decoded(bytes: Vec<u8>) -> String {
+    let zeros = |first: usize| {
+        let every_second = bytes.iter().take(64).skip(first).step_by(2);
+        bytes.len() > 1 && every_second.clone().all(|byte| *byte == 0)
+    };
+    let utf16 = |unit: fn([u8; 2]) -> u16| {
+        let units = bytes.chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
+        char::decode_utf16(units).map(|letter| letter.unwrap_or(char::REPLACEMENT_CHARACTER)).collect()
+    };
+    match bytes.as_slice() {
+        [0xff, 0xfe, ..] => utf16(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => utf16(u16::from_be_bytes),
+        _ if zeros(1) => utf16(u16::from_le_bytes),
+        _ if zeros(0) => utf16(u16::from_be_bytes),
+        _ => String::from_utf8(bytes).unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect()),
+    }
+}
+
 /// Loads an aircraft and its file's text: one that comes with the program, or else `NAME.toml` in the scenario's
 /// folder.
 ///
@@ -72,8 +98,34 @@ pub fn rules(rules: &scenario::Rules, folder: &Path) -> Result<(Rules, Option<[S
     let scenario::Rules::Folder(rules) = rules else { return Ok((Rules::shipped(), None)) };
     let paths = ["roll", "pitch", "heading", "collective"].map(|axis| folder.join(rules).join(format!("{axis}.fis")));
     let names = paths.each_ref().map(|path| path.display().to_string());
-    let [roll, pitch, heading, collective] = paths.each_ref().map(|path| read(path));
+    let [roll, pitch, heading, collective] = paths.each_ref().map(|path| read_in_any_encoding(path));
     let texts = [roll?, pitch?, heading?, collective?];
     let rules = Rules::from_texts(std::array::from_fn(|axis| (names[axis].as_str(), texts[axis].as_str())))?;
     Ok((rules, Some(texts)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_is_read_in_every_encoding_of_windows_and_old_programs() {
+        let text = "[System]\r\nName='Höhe'\r\n";
+        let le: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let be: Vec<u8> = text.encode_utf16().flat_map(u16::to_be_bytes).collect();
+        let latin: Vec<u8> = text.chars().map(|letter| letter as u8).collect();
+        let with_mark = |mark: &[u8], bytes: &[u8]| [mark, bytes].concat();
+        for bytes in [
+            text.as_bytes().to_vec(),
+            with_mark("\u{feff}".as_bytes(), text.as_bytes()),
+            latin,
+            with_mark(&[0xff, 0xfe], &le),
+            with_mark(&[0xfe, 0xff], &be),
+            le,
+            be,
+        ] {
+            assert_eq!(decoded(bytes.clone()).trim_start_matches('\u{feff}'), text, "{bytes:?}");
+        }
+        assert_eq!((decoded(Vec::new()).as_str(), decoded(vec![0xe9]).as_str()), ("", "é"));
+    }
 }

@@ -1,32 +1,46 @@
-//! Zero-order Sugeno inference (Takagi & Sugeno 1985), compiled from its description for use in a control loop.
+//! Sugeno inference (Takagi & Sugeno 1985), compiled from its description for use in a control loop.
+//!
+//! A system with constant consequents, product "and" and weighted-average output is compiled to a table of its sets'
+//! combinations ([`Table`]). Every other system is evaluated rule by rule ([`RuleByRule`]).
 
-use alloc::borrow::ToOwned;
+mod rule_by_rule;
+
 use alloc::format;
 use alloc::string::String;
 use alloc::vec;
 use alloc::vec::Vec;
 use core::array;
 
-use super::fis::{Fis, FisError, Term, Variable};
+use super::fis::{And, Fis, FisError, OutputBy, Places, Term, Variable, read};
 use super::membership::Membership;
+use rule_by_rule::RuleByRule;
 
 /// Largest number of inputs.
 const MAX_INPUTS: usize = 8;
 /// Largest number of sets of one input.
 const MAX_SETS: usize = 100;
-/// Largest number of combinations of one set per input.
+/// Largest number of combinations of one set per input in a table.
 const MAX_COMBINATIONS: usize = 1 << 16;
-/// Largest number of multiplications in the coverage check: a fraction of a second.
-const MAX_COVERAGE_WORK: f64 = 5e7;
-/// A point is uncovered if its rules' total weight is below this. A single Gaussian reaches it at 5.3 σ.
-const MIN_WEIGHT: f64 = 1e-6;
 
-/// A Sugeno system with constant consequents, product "and" and weighted-average output.
+/// A Sugeno system with one output.
 ///
-/// Σ_r w_r Π_i μ_ri(x_i) u_r / Σ_r w_r Π_i μ_ri(x_i). Inputs are first clamped to their `Range`, so that a shoulder
-/// that is 1 at the end of its range stays 1 for every finite input (Octave refuses inputs beyond it, Matlab warns).
+/// Its rules r have the strengths w_r and the consequents u_r(x). The output is Σ w_r u_r / Σ w_r, or Σ w_r u_r with
+/// `wtsum`. Inputs are first clamped to their `Range`, so that a shoulder that is 1 at the end of its range stays 1 for every
+/// finite input (Octave refuses inputs beyond it, Matlab warns).
 #[derive(Clone, Debug)]
-pub struct Sugeno {
+pub struct Sugeno(Inference);
+
+/// A system, compiled.
+#[derive(Clone, Debug)]
+enum Inference {
+    Table(Table),
+    RuleByRule(RuleByRule),
+}
+
+/// A system with constant consequents, product "and" and weighted-average output:
+/// Σ_r w_r Π_i μ_ri(x_i) u_r / Σ_r w_r Π_i μ_ri(x_i).
+#[derive(Clone, Debug)]
+struct Table {
     inputs: Vec<Input>,
     /// Σ w_r and Σ w_r u_r of the rules for each combination of one set (or "any") per input; the last input varies
     /// fastest.
@@ -100,9 +114,9 @@ impl Active {
     fn between(set: &Membership, offset: usize, from: f64, to: f64) -> Option<Self> {
         let (value, end) = (set.degree(from), set.degree(to));
         match set {
-            // A set does not both rise and fall within a segment.
-            _ if value == 0.0 && end == 0.0 => None,
-            Membership::Gaussian(_) => Some(Self::Curve(*set, offset)),
+            // A set does not both rise and fall within a segment, but two sigmoids may.
+            set if value == 0.0 && end == 0.0 && !set.is_smooth_product() => None,
+            set if !set.is_piecewise_linear() => Some(Self::Curve(*set, offset)),
             _ => {
                 let slope = (end - value) / (to - from);
                 // A vertical edge at 0 falls within 5·10⁻³²⁴: no number lies between its ends.
@@ -179,26 +193,89 @@ impl Sugeno {
     ///
     /// # Errors
     ///
-    /// The first fault of the text, with its line.
+    /// The first fault of the text, with its place.
     pub fn parse(file: &str, text: &str) -> Result<Self, FisError> {
-        let fis = Fis::parse(file, text)?;
-        Self::new(&fis).map_err(|what| {
-            let line = 1 + text.lines().position(|line| line.trim() == "[Rules]").unwrap_or_default();
-            FisError { file: file.to_owned(), line, what }
-        })
+        Self::parse_output(file, text, &[]).map(|(system, ..)| system)
     }
 
-    /// Compiles a described system.
+    /// Reads and compiles the only output of a `.fis` text, or of several the one that has one of these names. Also returns
+    /// what the file says and where, and which output it is.
+    pub(super) fn parse_output(file: &str, text: &str, names: &[&str]) -> Result<(Self, Fis, Places, usize), FisError> {
+        let (fis, places) = read(file, text)?;
+        let output = fis.output_named(names).map_err(|what| places.outputs[0].error(file, what))?;
+        let system = Self::of_output(&fis, output).map_err(|what| places.rules.error(file, what))?;
+        Ok((system, fis, places, output))
+    }
+
+    /// Compiles a described system with one output.
     ///
     /// # Errors
     ///
-    /// A sentence, if the system is too large or its rules leave a combination of inputs inside their ranges uncovered.
+    /// A sentence, if the system is too large, has several outputs, or its rules leave a combination of inputs inside their
+    /// ranges uncovered.
     pub fn new(fis: &Fis) -> Result<Self, String> {
+        Self::of_output(fis, fis.output_named(&[])?)
+    }
+
+    /// Compiles this output of a described system.
+    fn of_output(fis: &Fis, output: usize) -> Result<Self, String> {
         if fis.inputs.len() > MAX_INPUTS {
             return Err(format!("{} inputs are too many: {MAX_INPUTS} are supported", fis.inputs.len()));
         }
         if let Some(input) = fis.inputs.iter().find(|input| input.terms.len() > MAX_SETS) {
             return Err(format!("'{}' has too many sets: {MAX_SETS} are supported", input.name));
+        }
+        let rule_by_rule = RuleByRule::new(fis, output);
+        let system = match Table::new(fis, output)? {
+            Some(table) => Inference::Table(table),
+            None => Inference::RuleByRule(rule_by_rule.clone()),
+        };
+        // The sum of no rules is 0.
+        if fis.output_by == OutputBy::WeightedAverage
+            && let Some(place) = rule_by_rule.uncovered()?
+        {
+            let place = fis.inputs.iter().zip(&place).map(|(input, x)| format!("{} = {x}", input.name));
+            return Err(format!("no rule fires at {}", place.collect::<Vec<_>>().join(", ")));
+        }
+        Ok(Self(system))
+    }
+
+    /// Number of inputs.
+    pub fn inputs(&self) -> usize {
+        match &self.0 {
+            Inference::Table(table) => table.inputs.len(),
+            Inference::RuleByRule(rules) => rules.inputs(),
+        }
+    }
+
+    /// The output for these inputs. `None` if their number is wrong, one is not finite, or no rule fires.
+    pub fn evaluate(&self, inputs: &[f64]) -> Option<f64> {
+        if inputs.len() != self.inputs() || inputs.iter().any(|x| !x.is_finite()) {
+            return None;
+        }
+        match &self.0 {
+            Inference::Table(table) => table.evaluate(inputs),
+            Inference::RuleByRule(rules) => rules.evaluate(inputs),
+        }
+    }
+}
+
+impl Table {
+    /// The table of this output; `None` if the system is not of this form.
+    ///
+    /// # Errors
+    ///
+    /// A sentence, if the table would be too large.
+    fn new(fis: &Fis, output: usize) -> Result<Option<Self>, String> {
+        let terms = &fis.outputs[output].terms;
+        let literals = || fis.rules.iter().flat_map(|rule| rule.antecedent.iter().flatten());
+        let is_table = fis.output_by == OutputBy::WeightedAverage
+            && fis.and == And::Product
+            && !fis.rules.iter().any(|rule| rule.is_or)
+            && !literals().any(|literal| literal.is_negated)
+            && terms.iter().all(|term| term.value.is_constant());
+        if !is_table {
+            return Ok(None);
         }
         let mut inputs = Vec::with_capacity(fis.inputs.len());
         let mut stride = 1;
@@ -212,31 +289,18 @@ impl Sugeno {
         }
         let mut table = vec![[0.0; 2]; stride];
         for rule in &fis.rules {
-            let place = |(input, set): (&Input, &Option<usize>)| set.unwrap_or(input.width - 1) * input.stride;
-            let entry = &mut table[inputs.iter().zip(&rule.antecedent).map(place).sum::<usize>()];
+            let Some(term) = rule.consequents[output] else { continue };
+            let set = |input: &Input, i: usize| rule.antecedent[i].map_or(input.width - 1, |literal| literal.set);
+            let place = |(i, input): (usize, &Input)| set(input, i) * input.stride;
+            let entry = &mut table[inputs.iter().enumerate().map(place).sum::<usize>()];
             entry[0] += rule.weight;
-            entry[1] += rule.weight * fis.output.terms[rule.consequent].value;
+            entry[1] += rule.weight * terms[term].value.constant;
         }
-        let system = Self { inputs, table };
-        match system.uncovered()? {
-            None => Ok(system),
-            Some(place) => {
-                let place = fis.inputs.iter().zip(&place).map(|(input, x)| format!("{} = {x}", input.name));
-                Err(format!("no rule fires at {}", place.collect::<Vec<_>>().join(", ")))
-            }
-        }
+        Ok(Some(Self { inputs, table }))
     }
 
-    /// Number of inputs.
-    pub fn inputs(&self) -> usize {
-        self.inputs.len()
-    }
-
-    /// The output for these inputs. `None` if their number is wrong, one is not finite, or no rule fires.
-    pub fn evaluate(&self, inputs: &[f64]) -> Option<f64> {
-        if inputs.len() != self.inputs.len() || inputs.iter().any(|x| !x.is_finite()) {
-            return None;
-        }
+    /// The output for as many finite inputs as the table has.
+    fn evaluate(&self, inputs: &[f64]) -> Option<f64> {
         let pairs = match *inputs {
             [first, second] => self.fire_pairs([first, second]),
             [first, second, third] => self.fire_pairs([first, second, third]),
@@ -272,24 +336,6 @@ impl Sugeno {
         }
         Some(sums[0])
     }
-
-    /// A point at which Σ w is too small. Σ w is linear in every input between the corners of its sets, so its minimum
-    /// lies on the grid of corners; near Gaussians this holds to within the change over one σ.
-    fn uncovered(&self) -> Result<Option<Vec<f64>>, String> {
-        let grid = |input: &Input| input.segments.iter().map(|segment| segment.from).chain([input.range[1]]).collect();
-        let grids: Vec<Vec<f64>> = self.inputs.iter().map(grid).collect();
-        let (mut points, mut work) = (1.0, 0.0);
-        for (input, grid) in self.inputs.iter().zip(&grids) {
-            points *= grid.len() as f64;
-            work += points * (input.width * input.stride) as f64;
-        }
-        if work > MAX_COVERAGE_WORK {
-            return Err("the system is too large to check that its rules cover all inputs".into());
-        }
-        let weights: Vec<f64> = self.table.iter().map(|entry| entry[0]).collect();
-        let mut place = Vec::new();
-        Ok(find_uncovered(&self.inputs, &grids, &weights, &mut place).then_some(place))
-    }
 }
 
 /// Σ w and Σ w u of `table`, a table over these inputs, at the point `x`.
@@ -302,27 +348,6 @@ fn fire(inputs: &[Input], x: &[f64], table: &[[f64; 2]]) -> [f64; 2] {
         sums[1] += degree * weighted;
     });
     sums
-}
-
-/// Whether the sum of `weights`, a table over `inputs`, is too small somewhere on the grids; `place` is then extended
-/// by that point.
-fn find_uncovered(inputs: &[Input], grids: &[Vec<f64>], weights: &[f64], place: &mut Vec<f64>) -> bool {
-    let ([input, inputs @ ..], [grid, grids @ ..]) = (inputs, grids) else {
-        return weights[0] < MIN_WEIGHT;
-    };
-    grid.iter().any(|&x| {
-        let mut remaining = vec![0.0; input.stride];
-        input.at(x).for_each(|degree, offset| {
-            let row = &weights[offset..offset + input.stride];
-            remaining.iter_mut().zip(row).for_each(|(sum, weight)| *sum += degree * weight);
-        });
-        place.push(x);
-        let found = find_uncovered(inputs, grids, &remaining, place);
-        if !found {
-            place.pop();
-        }
-        found
-    })
 }
 
 #[cfg(test)]

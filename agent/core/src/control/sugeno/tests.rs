@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 
-use super::super::fis::{Rule, Term, Variable};
+use super::super::fis::{Consequent, Literal, Or, Rule, Term, Variable};
 use super::*;
 use crate::random::{self, Purpose};
 
@@ -12,12 +12,31 @@ fn variable(sets: &[(&str, &[f64])], range: [f64; 2]) -> Variable<Membership> {
 }
 
 fn rule(antecedent: &[Option<usize>], consequent: usize, weight: f64) -> Rule {
-    Rule { antecedent: antecedent.into(), consequent, weight }
+    let literal = |set: &Option<usize>| set.map(|set| Literal { set, is_negated: false });
+    Rule {
+        antecedent: antecedent.iter().map(literal).collect(),
+        is_or: false,
+        consequents: vec![Some(consequent)],
+        weight,
+    }
 }
 
 fn system(inputs: Vec<Variable<Membership>>, constants: &[f64], rules: Vec<Rule>) -> Fis {
-    let terms = constants.iter().map(|&value| Term { name: "u".into(), value }).collect();
-    Fis { name: "test".into(), inputs, output: Variable { name: "u".into(), range: [0.0, 1.0], terms }, rules }
+    let term = |&constant: &f64| Term { name: "u".into(), value: Consequent::constant(constant) };
+    Fis {
+        name: "test".into(),
+        and: And::Product,
+        or: Or::ProbabilisticSum,
+        output_by: OutputBy::WeightedAverage,
+        inputs,
+        outputs: vec![Variable { name: "u".into(), range: [0.0, 1.0], terms: constants.iter().map(term).collect() }],
+        rules,
+    }
+}
+
+/// The constant of a rule of a system with one output.
+fn constant_of(fis: &Fis, rule: &Rule) -> f64 {
+    fis.outputs[0].terms[rule.consequents[0].unwrap()].value.constant
 }
 
 /// The output by the definition, rule by rule.
@@ -27,10 +46,10 @@ fn by_definition(fis: &Fis, x: &[f64]) -> f64 {
         let mut weight = rule.weight;
         for ((set, input), x) in rule.antecedent.iter().zip(&fis.inputs).zip(x) {
             let x = x.max(input.range[0]).min(input.range[1]);
-            weight *= set.map_or(1.0, |set| input.terms[set].value.degree(x));
+            weight *= set.map_or(1.0, |literal| input.terms[literal.set].value.degree(x));
         }
         sums[0] += weight;
-        sums[1] += weight * fis.output.terms[rule.consequent].value;
+        sums[1] += weight * constant_of(fis, rule);
     }
     sums[1] / sums[0]
 }
@@ -39,9 +58,11 @@ fn by_definition(fis: &Fis, x: &[f64]) -> f64 {
 /// every operation of the compiled system, without its tables.
 fn sums(fis: &Fis, x: &[f64], sets: &mut Vec<Option<usize>>) -> [f64; 2] {
     let Some(input) = fis.inputs.get(sets.len()) else {
-        let rules = fis.rules.iter().filter(|rule| rule.antecedent == *sets);
+        let of =
+            |rule: &Rule| rule.antecedent.iter().map(|literal| literal.map(|literal| literal.set)).collect::<Vec<_>>();
+        let rules = fis.rules.iter().filter(|rule| of(rule) == *sets);
         return rules.fold([0.0; 2], |[weight, weighted], rule| {
-            [weight + rule.weight, weighted + rule.weight * fis.output.terms[rule.consequent].value]
+            [weight + rule.weight, weighted + rule.weight * constant_of(fis, rule)]
         });
     };
     let x_here = x[sets.len()].clamp(input.range[0], input.range[1]);
@@ -178,7 +199,7 @@ fn an_uncovered_file_names_the_line_of_its_rules() {
     let line = 1 + text.lines().position(|line| line == "[Rules]").unwrap();
     assert_eq!(
         error.to_string(),
-        format!("my.fis:{line}: no rule fires at heading_error_rad = -2, yaw_rate_rad_s = -2")
+        format!("my.fis:{line}:1: no rule fires at heading_error_rad = -2, yaw_rate_rad_s = -2")
     );
 }
 
@@ -229,24 +250,94 @@ fn a_vertical_edge_at_zero_has_an_output_at_zero_and_beside_it() {
     }
 }
 
+/// Every system of `tests/golden/sugeno`, with the values of Octave's fuzzy-logic-toolkit in `tests/golden/sugeno.csv`, which
+/// `tests/src/sugeno.m` makes.
+#[test]
+fn systems_of_every_set_and_method_have_the_values_of_octave() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden");
+    let values = std::fs::read_to_string(folder.join("sugeno.csv")).unwrap();
+    let (mut systems, mut kinds, mut rows) = (std::collections::BTreeMap::new(), std::collections::BTreeSet::new(), 0);
+    for row in values.lines().skip(1) {
+        let cells: Vec<&str> = row.split(',').collect();
+        let [file, output, x1, x2, value] = cells[..] else { panic!("{row}") };
+        let (fis, compiled) = systems.entry((file, output)).or_insert_with(|| {
+            let fis = Fis::parse(file, &std::fs::read_to_string(folder.join("sugeno").join(file)).unwrap()).unwrap();
+            let nth = output.parse::<usize>().unwrap() - 1;
+            (fis.clone(), Sugeno::of_output(&fis, nth).unwrap())
+        });
+        kinds.extend(fis.inputs.iter().flat_map(|input| &input.terms).map(|term| term.value.kind()));
+        let inputs = [x1, x2].map(|x| x.parse::<f64>().unwrap());
+        let (got, octave) = (compiled.evaluate(&inputs[..compiled.inputs()]).unwrap(), value.parse::<f64>().unwrap());
+        assert!((got - octave).abs() < 1e-12 * octave.abs().max(1.0), "{file} at {inputs:?}: {got}, Octave {octave}");
+        rows += 1;
+    }
+    assert_eq!((kinds.len(), rows > 3_000), (11, true), "{kinds:?}");
+    let methods: Vec<_> = systems.values().map(|(fis, _)| (fis.and, fis.or, fis.output_by)).collect();
+    for and in [And::Product, And::Least] {
+        for output_by in [OutputBy::WeightedAverage, OutputBy::WeightedSum] {
+            assert!(methods.iter().any(|of| (of.0, of.2) == (and, output_by)), "{and:?} {output_by:?}");
+        }
+    }
+    for or in [Or::ProbabilisticSum, Or::Greatest] {
+        assert!(methods.iter().any(|of| of.1 == or), "{or:?}");
+    }
+}
+
+#[test]
+fn of_several_outputs_the_named_one_is_used() {
+    let text = include_str!("../../../../../tests/golden/sugeno/several-outputs.fis");
+    let (named, ..) = Sugeno::parse_output("several.fis", text, &["stick", "yaw"]).unwrap();
+    let fis = Fis::parse("several.fis", text).unwrap();
+    let second = Sugeno::of_output(&fis, 1).unwrap();
+    for x in [[-1.0, 0.5], [0.3, 2.0], [1.9, -3.0]] {
+        assert_eq!(named.evaluate(&x), second.evaluate(&x));
+    }
+    let why = Sugeno::parse_output("several.fis", text, &["yaw"]).unwrap_err().to_string();
+    let expected = "the file has 3 outputs (first, stick, third), and one is needed: name the one to use 'yaw'";
+    assert!(why.ends_with(expected) && why.starts_with("several.fis:30:6: "), "{why}");
+}
+
+#[test]
+fn a_system_of_any_form_that_leaves_inputs_uncovered_is_refused_unless_it_sums() {
+    let text = |and: &str, sums: &str| {
+        format!(
+            "[System]\nType='sugeno'\nAndMethod='{and}'\nDefuzzMethod='{sums}'\n\
+             [Input1]\nRange=[0 10]\nMF1='low':'trimf',[-5 0 5]\n\
+             [Input2]\nRange=[0 10]\nMF1='low':'zmf',[2 8]\n\
+             [Output1]\nMF1='u':'linear',[1 2 3]\n[Rules]\n1 1, 1 (1) : 1\n-1 0, 1 (1) : 1\n"
+        )
+    };
+    let why = Sugeno::parse("x.fis", &text("min", "wtaver")).unwrap_err().to_string();
+    assert_eq!(why, "x.fis:13:1: no rule fires at Input1 = 0, Input2 = 8");
+    assert!(Sugeno::parse("x.fis", &text("prod", "wtaver")).is_err());
+    let sum = Sugeno::parse("x.fis", &text("min", "wtsum")).unwrap();
+    assert_eq!((sum.evaluate(&[0.0, 9.0]), sum.evaluate(&[0.0, 0.0])), (Some(0.0), Some(3.0)));
+    // Inputs beyond the range count as its ends, in the consequents too.
+    assert_eq!(sum.evaluate(&[1e9, 1e9]), Some(10.0 + 20.0 + 3.0));
+}
+
 proptest! {
     #[test]
     fn the_compiled_system_matches_the_definition(x in -9.0..9.0f64, y in -9.0..9.0f64) {
         let fis = awkward();
         let (compiled, defined) = (Sugeno::new(&fis).unwrap().evaluate(&[x, y]).unwrap(), by_definition(&fis, &[x, y]));
         prop_assert!((compiled - defined).abs() < 1e-12, "{compiled} {defined}");
+        // A table and the rules one by one are the same system.
+        let by_rules = RuleByRule::new(&fis, 0).evaluate(&[x, y]).unwrap();
+        prop_assert!((compiled - by_rules).abs() < 1e-12, "{compiled} {by_rules}");
     }
 
     /// A system that passed the coverage check has an output everywhere.
     #[test]
     fn a_checked_system_always_has_an_output(
-        sets in prop::collection::vec((0..3usize, prop::array::uniform4(-3.0..3.0f64)), 2..6),
+        sets in prop::collection::vec((0..11usize, prop::array::uniform4(-3.0..3.0f64)), 2..6),
         x in prop::num::f64::NORMAL,
         near in -3.0..3.0f64,
     ) {
         let sets = sets.into_iter().filter_map(|(kind, mut p)| {
             p.sort_by(f64::total_cmp);
-            let kinds = [("trimf", 3), ("trapmf", 4), ("gaussmf", 2)];
+            let kinds = [("trimf", 3), ("trapmf", 4), ("gaussmf", 2), ("zmf", 2), ("smf", 2), ("pimf", 4), ("sigmf", 2),
+                ("gbellmf", 3), ("gauss2mf", 4), ("dsigmf", 4), ("psigmf", 4)];
             let value = Membership::new(kinds[kind].0, &p[..kinds[kind].1]).ok()?;
             Some(Term { name: "set".into(), value })
         });

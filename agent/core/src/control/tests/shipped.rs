@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::super::fis::{Rule, Term, Variable};
+use super::super::fis::{And, Consequent, Literal, Or, OutputBy, Rule, Term, Variable};
 use super::super::membership::Membership;
 use super::*;
 
@@ -60,19 +60,26 @@ fn generate(name: &str, inputs: &[(&str, f64, &[f64])], law: fn(&[f64]) -> f64) 
     distinct.sort_by(f64::total_cmp);
     distinct.dedup();
     let rule = |(sets, constant): (&Vec<usize>, &f64)| Rule {
-        antecedent: sets.iter().copied().map(Some).collect(),
-        consequent: distinct.iter().position(|value| value == constant).unwrap(),
+        antecedent: sets.iter().map(|&set| Some(Literal { set, is_negated: false })).collect(),
+        is_or: false,
+        consequents: vec![distinct.iter().position(|value| value == constant)],
         weight: 1.0,
     };
     Fis {
         name: name.into(),
+        and: And::Product,
+        or: Or::ProbabilisticSum,
+        output_by: OutputBy::WeightedAverage,
         inputs: inputs.iter().map(|(name, half_range, centres)| input(name, *half_range, centres)).collect(),
         rules: combinations.iter().zip(&constants).map(rule).collect(),
-        output: Variable {
+        outputs: vec![Variable {
             name: if name == "collective" { "collective".into() } else { "stick".into() },
             range: [-1.0, 1.0],
-            terms: (1..).zip(&distinct).map(|(i, &value)| Term { name: format!("u{i}"), value }).collect(),
-        },
+            terms: (1..)
+                .zip(&distinct)
+                .map(|(i, &value)| Term { name: format!("u{i}"), value: Consequent::constant(value) })
+                .collect(),
+        }],
     }
 }
 
@@ -191,7 +198,7 @@ proptest! {
     #[test]
     fn output_is_within_the_constants(which in 0..4usize, unit in point()) {
         let (system, fis) = system(which);
-        let constants = fis.output.terms.iter().map(|term| term.value);
+        let constants = fis.outputs[0].terms.iter().map(|term| term.value.constant);
         let (least, most) = constants.fold((f64::MAX, f64::MIN), |(low, high), u| (low.min(u), high.max(u)));
         let output = system.evaluate(&inputs(&fis, unit)).unwrap();
         prop_assert!(least - 1e-12 <= output && output <= most + 1e-12);
