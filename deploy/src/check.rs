@@ -10,18 +10,20 @@ use serde_json::json;
 use skein_common::scenario::{ControlMode, Explained, Loaded, Scenario, Vehicle};
 use skein_core::aircraft::Profile;
 use skein_core::formation::room;
+use skein_core::hover::{self, Hover};
 
 use skein_agent::config::fleet;
 
 use crate::cluster;
 use crate::fly::script;
 use crate::inventory::find;
-use crate::prepare::{Prepared, Target, prepare};
+use crate::prepare::{self as flight, Prepared, Target};
 use crate::simulators::HostPort;
 use crate::simulators::web::WebChoice;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
-use skein_lab::scenario::ScenarioArgs;
+use skein_lab::prepare;
+use skein_lab::scenario::{Ready, ScenarioArgs};
 
 /// `skein check`
 #[derive(Clone, Debug, clap::Args)]
@@ -107,7 +109,26 @@ fn scenario(args: &CheckArgs) -> Result<(), Error> {
     if let Err(why) = fleet::check_size(described.all()) {
         eprintln!("{}: {why}", args.scenario.name());
     }
+    if let Ok(ready) = args.scenario.ready(&first.scenario) {
+        rules_tried(&first.scenario, &ready).iter().for_each(|line| eprintln!("{line}"));
+    }
     described.all().iter().try_for_each(|team| verdict(args, team).map(drop))
+}
+
+/// What there is to know of the scenario's own rule bases: what is unusual about them, and how they hover.
+fn rules_tried(scenario: &Scenario, ready: &Ready) -> Vec<String> {
+    let warnings = ready.rules.warnings.iter().map(|warning| format!("warning: {warning}"));
+    let mut lines: Vec<String> = warnings.collect();
+    for tried in prepare::try_rules(scenario, ready) {
+        let line = |with: &str, hover: &Hover| {
+            let verdict = hover.fault().map_or_else(|| "holds".to_owned(), |why| format!("does not hold: {why}"));
+            format!("hover of {} with {with}: {verdict}; {hover}", tried.aircraft)
+        };
+        lines.push(line("these rules", &tried.all));
+        let files = hover::AXES.iter().zip(&tried.each);
+        lines.extend(files.map(|(axis, hover)| line(&format!("{axis}.fis and the shipped rules otherwise"), hover)));
+    }
+    lines
 }
 
 /// Every value with its key; of the further teams of a fleet only what differs from team 1.
@@ -126,7 +147,7 @@ fn lines(teams: &[Loaded]) -> Vec<Explained> {
 
 /// Checks whether the scenario can fly.
 pub(crate) fn verdict(args: &CheckArgs, loaded: &Loaded) -> Result<Prepared, Error> {
-    prepare(&args.scenario, &loaded.scenario, target(args, loaded), &mut Trial::default())
+    flight::prepare(&args.scenario, &loaded.scenario, target(args, loaded), &mut Trial::default())
 }
 
 /// The target to check for: a flight in real time, unless only a study can fly the scenario.

@@ -14,6 +14,10 @@
 //!   (`union`, `connectivity`, `connected_share`) use all of it.
 //! * Separations, collisions, crashes, tilt, and who is a member, in contact or at which step are observed at every step of the
 //!   run, fifty times a second; the formation, flocking, the network's graph and effort ten times a second.
+//! * Figures of handling (`heading_error_rms_deg`, `max_turn_rate_deg_s`, `stick_saturation`) are those of the vehicle where
+//!   each is largest, over its time as a live member in the air in the last [`STEADY_S`] of the window, or in its second half
+//!   if that is shorter. A vehicle keeps the heading that its agent found at the start; an external law may turn it,
+//!   so that the heading has no error there.
 //! * Separations and collisions count pairs of which both vehicles are higher than [`AIRBORNE_ABOVE_M`].
 //! * **A centre moves** while a vehicle places it on a path between its two ends. `max_centre_distance_m` is measured
 //!   while the member's own centre moves. Under the flocking laws (`flock`, `olfati-saber`, `vasarhelyi`), so is
@@ -53,6 +57,7 @@ pub mod figures;
 mod fleet;
 mod flock;
 mod graph;
+mod handling;
 mod histogram;
 pub mod limits;
 mod measured;
@@ -74,7 +79,7 @@ use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::math;
 use skein_common::message::EventKind;
-use skein_common::scenario::{self, ControlMode, Pattern, Scenario, Target, Vertical};
+use skein_common::scenario::{self, ControlMode, Law, Pattern, Scenario, Target, Vertical};
 
 use crate::faults::InjectedFault;
 use ages::AgeSampling;
@@ -84,6 +89,7 @@ pub use figures::{Direction, WALL_CLOCK_KEYS};
 pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};
 use flock::{Alignment, Following};
 use graph::Graph;
+use handling::Handling;
 use histogram::Histogram;
 pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 use membership::Membership;
@@ -145,6 +151,7 @@ pub struct Metrics {
     membership: Membership,
     transients: Transients,
     crashes: Crashes,
+    handling: Handling,
     separations: Separations,
     max_tilt_rad: f64,
     stick_square: series::Mean,
@@ -216,6 +223,7 @@ impl Metrics {
             membership: Membership::new(vehicles, scenario.network.fade_m.or(scenario.network.range_m)),
             transients: Transients::default(),
             crashes: Crashes::new(vehicles),
+            handling: Handling::new(vehicles, law != Law::External),
             separations: Separations::new(vehicles),
             max_tilt_rad: 0.0,
             stick_square: series::Mean::default(),
@@ -260,6 +268,7 @@ impl Metrics {
         self.alignment.observe(&mut self.series, vehicles, &self.members);
         self.graph.observe(t_s, vehicles, &self.members, self.alignment.directions());
         self.observe_members(t_s, vehicles);
+        self.handling.observe(t_s, vehicles);
         self.observe_effort(since_s, vehicles);
     }
 
@@ -267,7 +276,10 @@ impl Metrics {
     pub fn fault(&mut self, t_s: f64, fault: &InjectedFault) {
         match fault {
             InjectedFault::Died(id) => self.membership.died(t_s, *id),
-            InjectedFault::Restarted(id) => self.membership.restarted(t_s, *id),
+            InjectedFault::Restarted(id) => {
+                self.membership.restarted(t_s, *id);
+                self.handling.restarted(*id);
+            }
             InjectedFault::Failed(id, ..) => self.membership.failed(t_s, *id),
             InjectedFault::Cut { links } => self.membership.cut(t_s, links),
             InjectedFault::Healed { links } => self.membership.healed(t_s, links),

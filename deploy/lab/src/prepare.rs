@@ -2,7 +2,11 @@
 //!
 //! Every command uses these checks, so every command refuses the same scenario with the same sentence.
 
-use skein_common::scenario::{ModelKind, Scenario};
+use std::collections::BTreeMap;
+
+use skein_common::scenario::{ModelKind, Rules, Scenario};
+use skein_core::aircraft::Aircraft;
+use skein_core::hover::{self, Hover};
 use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
 
@@ -28,8 +32,59 @@ pub fn prepare(args: &ScenarioArgs, scenario: &Scenario, time: Time, trial: &mut
             args.name()
         )));
     }
+    if let Some(why) = unfit_rules(scenario, &ready) {
+        return Err(Error::Refused(format!("{}: control.rules: {why}", args.name())));
+    }
     try_law(args, scenario, time, trial)?;
     Ok(ready)
+}
+
+/// A hover of each aircraft of a scenario that has its own rules, which prevents nothing if it holds.
+#[derive(Clone, Debug)]
+pub struct RulesTried {
+    /// Name of the aircraft.
+    pub aircraft: String,
+    /// With all four rule bases of the scenario.
+    pub all: Hover,
+    /// With that of one axis, and the shipped ones for the others.
+    pub each: [Hover; 4],
+}
+
+/// Flies the hovers; empty with the shipped rules, and for aircraft without a flight model.
+pub fn try_rules(scenario: &Scenario, ready: &Ready) -> Vec<RulesTried> {
+    let auto_trim = scenario.control.auto_trim;
+    let tried = |(name, aircraft): (&String, &Aircraft)| {
+        Some(RulesTried {
+            aircraft: name.clone(),
+            all: hover::hover(aircraft, &ready.rules, auto_trim)?,
+            each: hover::of_each_axis(aircraft, &ready.rules, auto_trim)?,
+        })
+    };
+    own_rules(scenario, ready).filter_map(tried).collect()
+}
+
+/// The different aircraft of a scenario with its own rules.
+fn own_rules<'a>(scenario: &'a Scenario, ready: &'a Ready) -> impl Iterator<Item = (&'a String, &'a Aircraft)> {
+    let has_own = matches!(scenario.control.rules, Rules::Folder(_)) && scenario.plant.model == ModelKind::Helicopter;
+    let all = scenario.vehicle.iter().map(|vehicle| &vehicle.aircraft).zip(&ready.aircraft).filter(move |_| has_own);
+    all.collect::<BTreeMap<_, _>>().into_iter()
+}
+
+/// Why the scenario's own rules cannot fly one of its aircraft, and which file is at fault.
+fn unfit_rules(scenario: &Scenario, ready: &Ready) -> Option<String> {
+    let auto_trim = scenario.control.auto_trim;
+    let mut faults = own_rules(scenario, ready).filter_map(|(name, aircraft)| {
+        let fault = hover::hover(aircraft, &ready.rules, auto_trim)?.fault()?;
+        let each = hover::of_each_axis(aircraft, &ready.rules, auto_trim)?;
+        let files = hover::AXES.iter().zip(each).filter(|(_, hover)| hover.fault().is_some());
+        let files: Vec<String> = files.map(|(axis, _)| format!("{axis}.fis")).collect();
+        let files = if files.is_empty() { "all four together".to_owned() } else { files.join(", ") };
+        Some(format!(
+            "a hover of the aircraft \"{name}\" with these rules does not hold: {fault}; at fault: {files}. `skein check` prints the \
+             figures of each file"
+        ))
+    });
+    faults.next()
 }
 
 /// Checks that the scenario's external law, if it has one, starts and reports that it is ready.

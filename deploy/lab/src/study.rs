@@ -40,7 +40,8 @@ pub use planned::{Progress, fly_planned};
 pub use recorded::{RecordRunError, record_run};
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;
-pub(crate) use verdict::{achievements, failures, list};
+pub use verdict::under_control;
+pub(crate) use verdict::{achievements, detail, failures, list};
 
 /// Virtual time after which joining has failed, s.
 const JOIN_LIMIT_S: f64 = 60.0;

@@ -47,8 +47,9 @@ use figures::summary;
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::faults::{OperatorOrder, Schedule};
-use skein_lab::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, Totals, VehicleTraffic};
+use skein_lab::metrics::{AIRBORNE_ABOVE_M, Measured, Metrics, Report, Run, Totals, VehicleTraffic};
 use skein_lab::recording::NotedKind;
+use skein_lab::study;
 
 /// The last known state of a vehicle silent for this long is out of date.
 const SILENT: Duration = Duration::from_secs(1);
@@ -143,13 +144,13 @@ impl FlightResult {
     /// Whether it was a flight.
     ///
     /// # Errors
-    /// A flight that never began, lost all its vehicles, or did not end on the ground.
+    /// A flight that never began, lost all its vehicles, did not end on the ground, or had a vehicle out of control.
     pub fn verdict(&self) -> Result<(), String> {
         match (&self.failure, &self.report) {
             (Some(why), _) => Err(why.clone()),
             (None, None) => Err("stopped before all vehicles were active".to_owned()),
             (None, Some(_)) if self.all_are_lost => Err("every vehicle was lost".to_owned()),
-            (None, Some(_)) => Ok(()),
+            (None, Some(report)) => study::under_control(&Measured::of(report)),
         }
     }
 }

@@ -12,6 +12,7 @@ use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::out;
 use skein_lab::scenario::{Ready, quoted};
+use skein_lab::terminal::complain;
 
 /// What is to be flown: a swarm, or the teams of a fleet.
 #[derive(Clone, Debug)]
@@ -59,6 +60,8 @@ impl Plans {
             prepare(&args.scenario, &team.scenario, target, &mut trial)
         });
         let ready = ready.collect::<Result<Vec<_>, _>>()?;
+        let warnings = ready.first().into_iter().flat_map(|first| first.ready.rules.warnings.iter());
+        warnings.for_each(|warning| complain(&format!("warning: {warning}")));
         let out = out::folder(args.out.as_deref(), &described.first().scenario.name)?;
         let plan = |(team, ready): (&Loaded, Prepared)| {
             let folder = team.scenario.team.map_or_else(|| out.clone(), |team| out.join(format!("team-{}", team.id)));

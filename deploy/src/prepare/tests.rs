@@ -112,6 +112,19 @@ fn workshop() -> TempDir {
     for axis in ["roll", "pitch", "heading", "collective"] {
         write(&format!("rules/{axis}.fis"), "[System]\n");
     }
+    let shipped = [
+        ("roll", include_str!("../../controllers/roll.fis")),
+        ("pitch", include_str!("../../controllers/pitch.fis")),
+        ("heading", include_str!("../../controllers/heading.fis")),
+        ("collective", include_str!("../../controllers/collective.fis")),
+    ];
+    for (axis, text) in shipped {
+        // The rule base of the heading instead of that of the collective, and one that hardly turns.
+        write(&format!("mixed/{axis}.fis"), if axis == "collective" { shipped[2].1 } else { text });
+        let is_weak = |line: &str| axis == "heading" && line.contains("'constant'");
+        let weak = |line: &str| if is_weak(line) { line.replace(']', "e-3]") } else { line.to_owned() };
+        write(&format!("weak/{axis}.fis"), &text.lines().map(weak).collect::<Vec<_>>().join("\n"));
+    }
     folder
 }
 
@@ -128,7 +141,7 @@ fn a_broken_scenario_is_refused_by_all_commands_with_the_same_message() {
     let (missing, no_program) = (law("command = ['sh', 'missing.sh']"), law("command = ['no-such-program-7']"));
     let (fails, no_law) = (law("command = ['sh', '-c', 'exit 3']"), law("command = ['echo', 'hello']"));
     let (no_file, no_port) = (law("command = ['./missing']"), law("listen = 'tcp/127.0.0.1'"));
-    let broken: [(&str, &str); 26] = [
+    let broken: [(&str, &str); 28] = [
         ("[formation]\nraduis_m = 80", "unknown key"),
         ("[formation", "3:11: not TOML"),
         ("swarm.vehicles = 0", "3:1"),
@@ -149,6 +162,8 @@ fn a_broken_scenario_is_refused_by_all_commands_with_the_same_message() {
         ("[vehicle.1]\naircraft = 'foreign'", "only X-Plane can fly"),
         ("[control]\nrules = 'nowhere'", "roll.fis"),
         ("[control]\nrules = 'rules'", "roll.fis"),
+        ("[control]\nrules = 'mixed'", "collective.fis:15:6: by its inputs this is the rule base of heading"),
+        ("[control]\nrules = 'weak'", "with these rules does not hold: heading error"),
         (&missing, "the law of vehicle 1 has ended"),
         (&no_program, "not found"),
         (&fails, "exit status: 3"),

@@ -173,7 +173,7 @@ mod tests {
     fn run(seed: u64, key: &str, value: Option<f64>) -> Flown {
         let never = if value.is_none() { BTreeSet::from([key.to_owned()]) } else { BTreeSet::new() };
         let figures = BTreeMap::from([(key.to_owned(), value)]);
-        let measured = Measured { seed, texts: BTreeMap::new(), figures, never };
+        let measured = Measured { seed, texts: BTreeMap::new(), figures, never, uncontrolled: Vec::new() };
         Flown { folder: format!("b/seed-{seed}").into(), measured, scenario: BTreeMap::new() }
     }
 

@@ -41,7 +41,7 @@ const fn figure(
 
 /// All figures, in the order of `metrics.json`.
 #[rustfmt::skip]
-pub const FIGURES: [Figure; 54] = [
+pub const FIGURES: [Figure; 57] = [
     figure("duration_s", "s", None, "length of a run", "Length of the window of the figures."),
     figure("at_altitude_s", "s", Some(More), "all at their altitude from then on", "First time after which every vehicle stays above 90 % of its altitude to the end of the window. In a mission of several places each settling figure counts at the step of each vehicle, and none is in `never`."),
     figure("in_band_s", "s", Some(More), "all in the band from then on", "First time after which every vehicle stays in the band of its step (under a law of flocks inside the area). Slots in a line, V, grid or list have no band."),
@@ -61,6 +61,9 @@ pub const FIGURES: [Figure; 54] = [
     figure("max_tilt_deg", "degrees", Some(More), "largest tilt", "Largest tilt of any vehicle."),
     figure("altitude_rms_m", "m", Some(More), "altitude error", "Root mean square of the altitude error, over the last 100 s."),
     figure("stick_rms", "share of travel", Some(More), "root mean square of the controls", "Root mean square of the controls for roll, pitch and yaw."),
+    figure("heading_error_rms_deg", "degrees", Some(More), "heading error", "Root mean square of the deviation from the heading that a vehicle's agent found at the start, of the vehicle where it is largest, in the air over the last 100 s, or over the second half of a flight shorter than 200 s; a law of your own may turn vehicles and has none."),
+    figure("max_turn_rate_deg_s", "degrees/s", Some(More), "largest turn rate", "Largest turn rate of a member in the air over the last 100 s, or over the second half of a flight shorter than 200 s."),
+    figure("stick_saturation", "share of time", Some(More), "share of time with a control at its stop", "Share of the time in which the roll, pitch, yaw or collective control of a member in the air is at an end of its travel, of the vehicle where it is largest, over the last 100 s, or over the second half of a flight shorter than 200 s."),
     figure("energy_j", "J", Some(More), "shaft energy of all vehicles", "Shaft energy of all vehicles, where the plant measures it."),
     figure("band_occupancy", "share of time", Some(Less), "share of time in the band", "Share of time that members spend in the band, over the last 100 s; under a law of flocks inside R* while the centre moves."),
     figure("polarization", "0 to 1", Some(Less), "length of the mean direction of flight", "Length of the mean direction of flight of members faster than 0.2 m/s, over the last 100 s."),
@@ -145,7 +148,8 @@ mod tests {
         for (ending, unit) in [("_s", "s"), ("_m", "m"), ("_deg", "degrees"), ("_j", "J"), ("_ms", "ms"), ("_us", "us")]
         {
             let figures: Vec<_> = FIGURES.iter().filter(|figure| figure.key.ends_with(ending)).collect();
-            assert!(figures.iter().all(|figure| figure.unit == unit || figure.key == "mean_speed_m_s"), "{figures:?}");
+            let is_rate = |key: &str| ["_m_s", "_deg_s"].iter().any(|rate| key.ends_with(rate));
+            assert!(figures.iter().all(|figure| figure.unit == unit || is_rate(figure.key)), "{figures:?}");
         }
     }
 }

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::{Direction, figures};
+use super::{Direction, figures, limits};
 
 /// The figures of one run.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,6 +20,8 @@ pub struct Measured {
     pub figures: BTreeMap<String, Option<f64>>,
     /// Keys of what could have happened and never did.
     pub never: BTreeSet<String>,
+    /// The vehicles that were not under control: id, key and value of a figure beyond [`limits::HANDLING`].
+    pub uncontrolled: Vec<(String, &'static str, f64)>,
 }
 
 /// A figure that one run has.
@@ -48,7 +50,13 @@ impl Measured {
         };
         let seed = keys.get("seed").and_then(Value::as_u64).ok_or("it has no seed")?;
         let exact: BTreeMap<&str, f64> = text.lines().filter_map(exact).collect();
-        let mut measured = Self { seed, texts: BTreeMap::new(), figures: BTreeMap::new(), never: BTreeSet::new() };
+        let mut measured = Self {
+            seed,
+            texts: BTreeMap::new(),
+            figures: BTreeMap::new(),
+            never: BTreeSet::new(),
+            uncontrolled: keys.get("vehicle").map(uncontrolled).unwrap_or_default(),
+        };
         for (key, value) in keys {
             match value {
                 Value::String(message) => _ = measured.texts.insert(key, message),
@@ -82,6 +90,19 @@ impl Measured {
             None => f64::NEG_INFINITY,
         }
     }
+}
+
+/// The figures of vehicles that are beyond the limits of handling.
+fn uncontrolled(vehicles: &Value) -> Vec<(String, &'static str, f64)> {
+    let mut all: Vec<(u32, &'static str, f64)> = Vec::new();
+    for (id, figures) in vehicles.as_object().into_iter().flatten() {
+        for (key, limit) in limits::HANDLING {
+            let value = figures.get(key).and_then(Value::as_f64).filter(|value| *value > limit);
+            all.extend(id.parse().ok().zip(value).map(|(id, value)| (id, key, value)));
+        }
+    }
+    all.sort_by_key(|(id, ..)| *id);
+    all.into_iter().map(|(id, key, value)| (id.to_string(), key, value)).collect()
 }
 
 /// A line of a `metrics.json` that holds a figure of the swarm.
@@ -135,6 +156,7 @@ mod tests {
             texts: BTreeMap::new(),
             figures: figures.iter().map(|(key, value)| ((*key).to_owned(), Some(*value))).collect(),
             never: never.iter().map(|key| (*key).to_owned()).collect(),
+            uncontrolled: Vec::new(),
         }
     }
 

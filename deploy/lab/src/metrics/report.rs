@@ -104,6 +104,9 @@ pub struct Report {
     pub max_tilt_deg: f64,
     pub altitude_rms_m: Option<f64>,
     pub stick_rms: Option<f64>,
+    pub heading_error_rms_deg: Option<f64>,
+    pub max_turn_rate_deg_s: Option<f64>,
+    pub stick_saturation: Option<f64>,
     pub energy_j: Option<f64>,
     pub band_occupancy: Option<f64>,
     pub polarization: Option<f64>,
@@ -152,6 +155,9 @@ pub struct VehicleReport {
     pub radial_mean_m: Option<f64>,
     pub oscillation_m: Option<f64>,
     pub stick_rms: Option<f64>,
+    pub heading_error_rms_deg: Option<f64>,
+    pub max_turn_rate_deg_s: Option<f64>,
+    pub stick_saturation: Option<f64>,
     pub energy_j: Option<f64>,
 }
 
@@ -168,6 +174,7 @@ impl Metrics {
         let vehicle = self.vehicles(steady);
         let oscillations_m = vehicle.values().filter_map(|vehicle| vehicle.oscillation_m);
         let settled = self.settled();
+        let handling = self.handling.worst(self.t_s);
         let delays_after_faults = self.delays_after_faults();
         let collisions = self.separations.collisions();
         let pairs = self.separations.pairs();
@@ -194,6 +201,9 @@ impl Metrics {
             max_tilt_deg: self.max_tilt_rad.to_degrees(),
             altitude_rms_m: when_steady(mean_of_members(Column::SquareAltitudeError).map(f64::sqrt)),
             stick_rms: self.stick_square.mean().map(f64::sqrt),
+            heading_error_rms_deg: handling.heading_error_rms_deg,
+            max_turn_rate_deg_s: handling.max_turn_rate_deg_s,
+            stick_saturation: handling.stick_saturation,
             energy_j: self.effort.iter().filter_map(|effort| effort.energy_j).reduce(|sum, energy| sum + energy),
             band_occupancy: if self.is_flock {
                 self.following.inside.mean()
@@ -286,11 +296,15 @@ impl Metrics {
         let rows = self.effort.iter().enumerate().map(|(nth, effort)| {
             let figures = if steady { self.vehicle_series.figures(nth, since_s) } else { None };
             let radial = figures.filter(|_| self.is_radial);
+            let handling = self.handling.figures(nth, self.t_s);
             let report = VehicleReport {
                 radial_rms_m: radial.map(|figures| figures.error_rms_m),
                 radial_mean_m: radial.map(|figures| figures.rho_m),
                 oscillation_m: figures.and_then(|figures| figures.oscillation_m),
                 stick_rms: effort.stick_square.mean().map(f64::sqrt),
+                heading_error_rms_deg: handling.heading_error_rms_deg,
+                max_turn_rate_deg_s: handling.max_turn_rate_deg_s,
+                stick_saturation: handling.stick_saturation,
                 energy_j: effort.energy_j,
             };
             ((nth + 1).to_string(), report)

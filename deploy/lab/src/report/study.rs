@@ -483,6 +483,7 @@ mod tests {
                 texts: BTreeMap::new(),
                 figures: BTreeMap::from([("in_band_s".to_owned(), Some(late_s))]),
                 never: BTreeSet::new(),
+                uncontrolled: Vec::new(),
             },
             scenario: scenario.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect(),
         };

@@ -78,7 +78,8 @@ fn what_flew(run: &Run, duration_s: Option<f64>) -> String {
 
 /// Whether a flight did what every flight should.
 fn result(run: &Measured) -> Line {
-    let failures: Vec<&str> = study::failures(run).map(|text| text.strip_prefix("with ").unwrap_or(text)).collect();
+    let failure = |text: &str| text.strip_prefix("with ").unwrap_or(text).to_owned() + &study::detail(run, text);
+    let failures: Vec<String> = study::failures(run).map(failure).collect();
     match failures.as_slice() {
         [] => judged(true, sentence(&study::achievements(&[run]).join(", "))),
         failures => judged(false, format!("This flight failed: {}.", failures.join("; "))),

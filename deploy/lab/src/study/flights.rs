@@ -83,8 +83,13 @@ impl FlightsLeft {
 /// What a flight left: its figures, and the reason if it failed. `None` if it was not tried, or was interrupted.
 fn row(run: &PlannedRun<'_>) -> Option<Measured> {
     let failure = fs::read_to_string(run.folder().join(FAILURE_FILE)).ok();
-    let nothing =
-        || Measured { seed: run.seed, texts: BTreeMap::new(), figures: BTreeMap::new(), never: BTreeSet::new() };
+    let nothing = || Measured {
+        seed: run.seed,
+        texts: BTreeMap::new(),
+        figures: BTreeMap::new(),
+        never: BTreeSet::new(),
+        uncontrolled: Vec::new(),
+    };
     let mut row = run.measured().or_else(|| failure.is_some().then(nothing))?;
     row.texts.extend(failure.map(|why| (FAILURE.to_owned(), why.trim_end().to_owned())));
     Some(row)

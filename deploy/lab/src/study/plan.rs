@@ -190,6 +190,7 @@ impl Plan {
         let mut law_files = BTreeSet::new();
         let mut jobs = self.jobs;
         let mut trial = Trial::default();
+        let mut has_warned = false;
         for point in 0..self.points.len() {
             let first = PlannedRun { plan: self, point, seed: self.seeds.start };
             let described = first.read().map_err(|error| first.at_point(error))?;
@@ -209,6 +210,9 @@ impl Plan {
                     _ => prepare(&self.scenario, &scenario, Time::Virtual, &mut trial)
                         .map_err(|error| first.at_point(error))?,
                 };
+                if !self.is_live && !std::mem::replace(&mut has_warned, true) {
+                    ready.rules.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+                }
                 jobs = external::jobs(&scenario, jobs).map_err(|error| first.at_point(Error::Refused(error)))?;
                 for seed in self.seeds.clone() {
                     scenario.seed = scenario.team.map_or(seed, |team| team.id.seed(seed));

@@ -2,7 +2,7 @@
 
 use super::summary::FAILURE;
 use super::sweep::Point;
-use crate::metrics::{Measured, Outcome};
+use crate::metrics::{Measured, Outcome, limits};
 use crate::scenario::ScenarioArgs;
 
 /// The verdict names at most this many seeds of one kind of failure.
@@ -16,7 +16,7 @@ struct Failure {
     is_it: fn(&Measured) -> bool,
 }
 
-const FAILURES: [Failure; 8] = [
+const FAILURES: [Failure; 10] = [
     Failure { text: "not flown to the end", is_it: |run| run.texts.contains_key(FAILURE) },
     Failure { text: "with a collision", is_it: |run| is_above_zero(run, "collisions") },
     Failure { text: "with a crash", is_it: |run| is_above_zero(run, "crashes") },
@@ -24,11 +24,52 @@ const FAILURES: [Failure; 8] = [
         text: "with a vehicle out of formation at the end",
         is_it: |run| IN_FORMATION.iter().any(|key| run.outcome(key) == Some(Outcome::Never)),
     },
+    Failure { text: HEADING_LOST, is_it: |run| is_uncontrolled(run, "heading_error_rms_deg") },
+    Failure { text: AT_STOPS, is_it: |run| is_uncontrolled(run, "stick_saturation") },
     Failure { text: "with a lost peer that was not detected within 30 s", is_it: |run| never(run, "detection_s") },
     Failure { text: "with a returned peer that was not rejoined within 30 s", is_it: |run| never(run, "rejoin_s") },
     Failure { text: "with a failure that its vehicle did not report", is_it: |run| never(run, "response_s") },
     Failure { text: "not back in formation 120 s after a change", is_it: |run| never(run, "transient_s") },
 ];
+
+/// The texts of runs with a vehicle that is not under control.
+const HEADING_LOST: &str = "with a vehicle that does not keep its heading";
+const AT_STOPS: &str = "with controls at their stops";
+
+fn is_uncontrolled(run: &Measured, key: &str) -> bool {
+    let limit = limits::of_handling(key);
+    matches!((run.outcome(key), limit), (Some(Outcome::Value(value)), Some(limit)) if value > limit)
+}
+
+/// Of a failure with this text: which vehicles, how far they were beyond which limit; empty for other failures.
+pub(crate) fn detail(run: &Measured, text: &str) -> String {
+    let (key, shown): (_, fn(f64) -> String) = match text {
+        HEADING_LOST => ("heading_error_rms_deg", |value| format!("{value:.0}° root mean square")),
+        AT_STOPS => ("stick_saturation", |value| format!("{:.0} % of the time", 100.0 * value)),
+        _ => return String::new(),
+    };
+    let Some((limit, Outcome::Value(worst))) = limits::of_handling(key).zip(run.outcome(key)) else {
+        return String::new();
+    };
+    let vehicles: Vec<String> =
+        run.uncontrolled.iter().filter(|(_, its, _)| *its == key).map(|(id, ..)| id.clone()).collect();
+    let who = match vehicles.as_slice() {
+        [] => String::new(),
+        [one] => format!("vehicle {one}: "),
+        many => format!("vehicles {}: up to ", list(many)),
+    };
+    format!(" ({who}{}, at most {})", shown(worst), shown(limit).trim_end_matches(" root mean square"))
+}
+
+/// Whether every vehicle kept its heading and had travel left in its controls.
+///
+/// # Errors
+/// Which vehicles did not, by how much, and the limit.
+pub fn under_control(run: &Measured) -> Result<(), String> {
+    let lost = failures(run).filter(|text| [HEADING_LOST, AT_STOPS].contains(text));
+    let lost: Vec<String> = lost.map(|text| format!("a flight {text}{}", detail(run, text))).collect();
+    if lost.is_empty() { Ok(()) } else { Err(lost.join("; ")) }
+}
 
 /// The ways in which a run has failed, each as a text such as "with a collision".
 pub(crate) fn failures(run: &Measured) -> impl Iterator<Item = &'static str> + '_ {
@@ -71,9 +112,10 @@ pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measure
         };
         let set = points.get(point_of(*first)).map(|point| point.0.as_slice()).unwrap_or_default();
         let command = scenario.command("fly", set, Some(runs[*first].seed));
+        let detail = detail(&runs[*first], failure.text);
         text += &match runs {
-            [run] => format!("seed {} failed, {}: {command}\n", run.seed, failure.text),
-            runs => format!("{} of {} runs {}, {seeds}: {command}\n", failed.len(), runs.len(), failure.text),
+            [run] => format!("seed {} failed, {}{detail}: {command}\n", run.seed, failure.text),
+            runs => format!("{} of {} runs {}, {seeds}{detail}: {command}\n", failed.len(), runs.len(), failure.text),
         };
     }
     text
@@ -155,6 +197,32 @@ mod tests {
         );
         assert_eq!(of(&runs), expected);
         assert_eq!(of(&runs[1..2]), format!("seed 4 failed, with a collision: {command} 4\n"));
+    }
+
+    #[test]
+    fn a_run_whose_vehicles_spin_or_are_at_their_stops_has_failed_and_names_them() {
+        let spinning = |seed: u64| {
+            let vehicle = |heading: f64, stops: f64| {
+                format!(r#"{{"heading_error_rms_deg":{heading},"stick_saturation":{stops}}}"#)
+            };
+            let vehicles = [vehicle(2.0, 0.0), vehicle(103.9, 1.0), vehicle(60.0, 0.4)];
+            let [one, two, three] = &vehicles;
+            let figures = r#""heading_error_rms_deg":103.9,"stick_saturation":1.0"#;
+            run(seed, &format!(r#"{GOOD},{figures},"vehicle":{{"1":{one},"10":{two},"3":{three}}}"#))
+        };
+        let command = "skein fly 'my tour.toml' --set network.loss=0.3 --seed";
+        let heading = "with a vehicle that does not keep its heading";
+        let expected = format!(
+            "seed 7 failed, {heading} (vehicles 3 and 10: up to 104° root mean square, at most 30°): {command} 7\n\
+             seed 7 failed, with controls at their stops (vehicle 10: 100 % of the time, at most 50 % of the time): {command} 7\n"
+        );
+        assert_eq!(of(&[spinning(7)]), expected);
+        let several = of(&[run(1, GOOD), spinning(2)]);
+        assert!(several.contains(&format!("1 of 2 runs {heading}, seed 2 (vehicles 3 and 10: up to")), "{several}");
+        assert_eq!(
+            failures(&run(1, &format!(r#"{GOOD},"heading_error_rms_deg":30,"stick_saturation":0.5"#))).count(),
+            0
+        );
     }
 
     #[test]
