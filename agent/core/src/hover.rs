@@ -50,9 +50,9 @@ pub struct Hover {
 
 /// A figure of a hover with its largest value at which the hover holds: far from what usable rules need.
 const LIMITS: [(&str, f64, &str, fn(&Hover) -> f64); 6] = [
-    ("distance", 10.0, "m", |hover| hover.place_rms_m),
-    ("altitude error", 5.0, "m", |hover| hover.altitude_rms_m),
-    ("heading error", 20.0, "°", |hover| hover.heading_rms_deg),
+    ("distance", 4.0, "m", |hover| hover.place_rms_m),
+    ("altitude error", 4.0, "m", |hover| hover.altitude_rms_m),
+    ("heading error", 10.0, "°", |hover| hover.heading_rms_deg),
     ("turn rate", 30.0, "°/s", |hover| hover.turn_rate_deg_s),
     ("controls at their stops", 0.2, "of the time", |hover| hover.saturation),
     ("tilt", 60.0, "°", |hover| hover.tilt_deg),

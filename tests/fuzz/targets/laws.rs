@@ -57,7 +57,16 @@ fn rules_are_refused_or_give_finite_controls_for_every_finite_input() {
     // Usual and odd values at every place among the inputs.
     let values = [0.0, 0.4, -3.0, 80.0, 1e-7].into_iter().chain(NUMBERS);
     let values: Vec<f64> = values.collect();
-    explore_text(1_500, &RULES.map(|(_, text)| text), |text| {
+    // Every form of Sugeno systems, besides the tables of the shipped rules.
+    let examples = [
+        include_str!("../../golden/sugeno/mixed-probor-wtaver.fis"),
+        include_str!("../../golden/sugeno/mixed-max-wtaver.fis"),
+        include_str!("../../golden/sugeno/linear-min-wtsum.fis"),
+        include_str!("../../golden/sugeno/pimf.fis"),
+        include_str!("../../golden/sugeno/dsigmf.fis"),
+    ];
+    let examples: Vec<&str> = RULES.iter().map(|(_, text)| *text).chain(examples).collect();
+    explore_text(1_500, &examples, |text| {
         let Ok(rules) = Sugeno::parse("damaged.fis", text) else { return };
         for first in 0..values.len() {
             let inputs: Vec<f64> = values.iter().cycle().skip(first).step_by(3).copied().take(rules.inputs()).collect();

@@ -82,14 +82,14 @@ const UNUSUAL: f64 = 12.0;
 const TRAVEL: f64 = 1.0;
 /// A command above this is at the end of the travel even at the least gain that an aircraft file may have, 0.05.
 const BEYOND_ANY_GAIN: f64 = 20.0;
-/// A change of the command below this is none.
+/// A smaller change of the command counts as no change.
 const NO_CHANGE: f64 = 1e-9;
 
-/// Words in the name of an input that are other units.
+/// Parts of the name of an input that are other units.
 const OTHER_UNITS: [(&str, &[&str]); 3] = [
     ("rad", &["deg", "degree", "degrees", "grad", "°"]),
     ("m", &["ft", "feet", "foot", "km", "cm", "mm", "inch"]),
-    ("s", &["kt", "kts", "knots", "knot", "mph", "fpm", "kmh", "ms", "min", "rpm"]),
+    ("s", &["kt", "kts", "knots", "knot", "mph", "fpm", "kmh", "rpm"]),
 ];
 
 /// Compares a file with what the controller expects of this axis. Gives the warnings.
@@ -180,7 +180,7 @@ impl Quantity {
                     .is_some_and(|unit| matches!(unit, "_m" | "_m_s" | "_rad" | "_rad_s")))
     }
 
-    /// The word of another unit in a name.
+    /// The part of a name that is another unit.
     fn other_unit(&self, name: &str) -> Option<String> {
         let is_other = |part: &String| {
             let mine = OTHER_UNITS.iter().filter(|(unit, _)| self.unit.split('/').any(|own| own == *unit));

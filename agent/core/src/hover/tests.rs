@@ -67,6 +67,6 @@ fn an_aircraft_without_a_flight_model_has_no_hover() {
 fn a_figure_beyond_its_limit_is_named() {
     let good = hover(&xcell60(), &Rules::shipped(), false).unwrap();
     let bad = Hover { heading_rms_deg: 103.94, turn_rate_deg_s: f64::NAN, saturation: 1.0, ..good };
-    let expected = "heading error 103.9 ° (at most 20), turn rate NaN °/s (at most 30), controls at their stops 1.0 of the time (at most 0.2)";
+    let expected = "heading error 103.9 ° (at most 10), turn rate NaN °/s (at most 30), controls at their stops 1.0 of the time (at most 0.2)";
     assert_eq!(bad.fault().as_deref(), Some(expected));
 }

@@ -267,13 +267,16 @@ impl<Run> SideBySide<Run> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use skein_common::scenario::{Source, load};
     use skein_core::aircraft::Aircraft;
-    use skein_core::control::Rules;
+    use skein_core::control::{Rules, Sugeno};
 
     use super::*;
     use crate::metrics::Measured;
     use crate::metrics::WALL_CLOCK_KEYS;
+    use crate::study::under_control;
 
     fn study(sets: &[&str]) -> Study {
         let text = "duration_s = 30\nworld.wind_m_s = 4\nworld.gust_w20_m_s = 5\n\
@@ -316,6 +319,32 @@ mod tests {
                 assert_eq!(flown(threads), one, "{threads} threads, {sets:?}");
             }
         }
+    }
+
+    #[test]
+    fn a_swarm_that_spins_has_failed() {
+        let shipped = study(&["swarm.vehicles=2", "duration_s=60", "mission.events=[]"]);
+        let measured = Measured::of(&shipped.fly(1).unwrap());
+        assert!(measured.uncontrolled.is_empty() && under_control(&measured).is_ok(), "{:?}", measured.figures);
+        // Outputs of another job: far beyond the travel, so that the yaw control is at one stop or the other.
+        let text = include_str!("../../../controllers/heading.fis");
+        let line = |line: &str| if line.contains("'constant',[-") { line.replace("[-", "[") } else { line.to_owned() };
+        let text =
+            text.lines().map(|text| line(text).replace("'constant',[0.", "'constant',[300.")).collect::<Vec<_>>();
+        let heading = Arc::new(Sugeno::parse("other.fis", &text.join("\n")).unwrap());
+        let other = Study { rules: Rules { heading, ..Rules::shipped() }, ..shipped };
+        let measured = Measured::of(&other.fly(1).unwrap());
+        let why = under_control(&measured).unwrap_err();
+        assert!(
+            why.contains("a flight with a vehicle that does not keep its heading (vehicles 1 and 2: up to"),
+            "{why}"
+        );
+        assert!(
+            why.contains("a flight with controls at their stops (vehicles 1 and 2: up to 100 % of the time"),
+            "{why}"
+        );
+        let turn_rate_deg_s = measured.figures["max_turn_rate_deg_s"].unwrap();
+        assert!(turn_rate_deg_s > 60.0, "{turn_rate_deg_s}");
     }
 
     #[test]

@@ -259,7 +259,7 @@ fn without_comment(line: &str) -> &str {
     line
 }
 
-/// A name of a section or key as it is compared: in small letters, without spaces.
+/// A name of a section or key for comparison: in small letters, without spaces.
 fn normal(name: &str) -> String {
     name.chars().filter(|letter| !letter.is_whitespace()).map(|letter| letter.to_ascii_lowercase()).collect()
 }
