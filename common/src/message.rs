@@ -258,8 +258,9 @@ pub enum EventKind {
     LandingWaits,
 }
 
-/// A failure that an agent detected of its own vehicle, from the mildest to the most severe, with the agent's response.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+/// A failure that an agent detected of its own vehicle, with the agent's response. They are ordered from the mildest to the
+/// most severe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Failure {
     /// The measured position is frozen: the agent dead-reckons with the velocity, and lands.
@@ -272,11 +273,31 @@ pub enum Failure {
     Servo,
     /// The engine has no power: the vehicle autorotates.
     Engine,
+    /// The vehicle came no nearer to its place in the step for `mission.progress_timeout_s`: it lands.
+    Place,
 }
 
 impl Failure {
+    /// Every kind, from the mildest to the most severe. Its place among the variants is that in the encoding.
+    pub const ALL: [Self; 6] = [Self::Place, Self::Position, Self::Gyro, Self::Altitude, Self::Servo, Self::Engine];
     /// Number of kinds of failures.
-    pub const KINDS: usize = 5;
+    pub const KINDS: usize = Self::ALL.len();
+
+    fn severity(self) -> usize {
+        Self::ALL.iter().take_while(|milder| **milder != self).count()
+    }
+}
+
+impl Ord for Failure {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.severity().cmp(&other.severity())
+    }
+}
+
+impl PartialOrd for Failure {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
 }
 
 impl std::fmt::Display for Failure {
@@ -287,6 +308,7 @@ impl std::fmt::Display for Failure {
             Self::Altitude => "altitude not reached, lands",
             Self::Servo => "servo stuck, lands",
             Self::Engine => "engine out, autorotates",
+            Self::Place => "place not reached, lands",
         })
     }
 }

@@ -1,5 +1,5 @@
 //! Random missions: swarms of every size and law fly to random places and along random paths, in wind, over a lossy
-//! network, inside a fence, with up to four faults. Every healthy vehicle has to come to the mission's end, to land there, and
+//! network, inside a fence, with up to four faults, of which some also cost the vehicle its agent. Every healthy vehicle has to come to the mission's end, to land there, and
 //! to keep clear of all others and of the fence. A broken vehicle has to do nothing: one whose collective is stuck in a climb cannot descend. A mission
 //! that fails is made as small as possible before it is printed.
 
@@ -87,8 +87,9 @@ impl Mission {
         let vehicles = draws.whole(3, 12);
         let mut keys = random_keys(&mut draws, vehicles);
         let steps = (0..draws.whole(1, 4)).map(|_| random_step(&mut draws)).collect();
-        let faults = (0..draws.whole(0, 4)).map(|_| random_fault(&mut draws, vehicles)).collect();
+        let faults: Vec<_> = (0..draws.whole(0, 4)).map(|_| random_fault(&mut draws, vehicles)).collect();
         keys.extend(random_airspace(&mut draws));
+        let faults = faults.into_iter().map(|fault| with_restart(&mut draws, fault)).collect();
         Self { seed, vehicles, keys, steps, faults }
     }
 
@@ -237,6 +238,19 @@ fn random_fault(draws: &mut Draws, vehicles: u8) -> String {
         _ => format!("vehicle = {vehicle}"),
     };
     format!("{{ at_s = {at_s:.0}, fault = \"{name}\", {details} }}")
+}
+
+/// For a third of the faults that break a vehicle for good, its agent is killed as well, before or after: the new one has to
+/// find the fault anew.
+fn with_restart(draws: &mut Draws, fault: String) -> String {
+    let breaks = ["engine_out", "servo_stuck", "gyro_off", "gps_frozen"].iter().any(|name| fault.contains(name));
+    if !(breaks && draws.is_so(1.0 / 3.0)) {
+        return fault;
+    }
+    let number = |name: &str| fault.split_once(name).map(|(_, after)| after.trim_start_matches(" = "));
+    let vehicle = number("vehicle").and_then(|after| after.split([',', ' ']).next()).unwrap_or("1");
+    let (at_s, for_s) = (draws.between(0.0, 240.0), draws.between(3.0, 20.0));
+    format!("{fault},\n  {{ at_s = {at_s:.0}, fault = \"kill\", vehicle = {vehicle}, for_s = {for_s:.0} }}")
 }
 
 /// What a scenario's faults do to each vehicle.

@@ -1,7 +1,8 @@
 //! Missions in virtual time over bad networks, with split swarms and with faults: a few cells of the tables that
 //! `cargo run --release -p skein-tests --bin tables` prints.
 
-use skein_tests::missions::{self, Mission};
+use skein_common::message::Failure;
+use skein_tests::missions::{self, Grounded, Mission};
 use skein_tests::{faults, halves, in_parallel, tour};
 
 /// Period of the heartbeats, s.
@@ -80,6 +81,37 @@ fn two_groups_that_a_cut_separates_keep_apart_whatever_each_receives_and_wheneve
             println!("{case}, seed {seed}: closest {:.1} m; {flight}", flight.closest_m);
             assert!(flight.is_sound(), "{case}, seed {seed}: {flight}");
         }
+    }
+}
+
+#[test]
+fn a_vehicle_that_landed_with_a_frozen_position_and_gets_a_new_agent_holds_no_other_vehicle() {
+    let steps = ["[0, 0]", "[150, 0]", "[-150, 0]", "[150, 150]"].map(|place| format!("{{ centre_ne_m = {place} }}"));
+    let steps = steps.each_ref().map(String::as_str);
+    let faults = [
+        "{ at_s = 30, fault = \"gps_frozen\", vehicle = 2 }",
+        "{ at_s = 70, fault = \"kill\", vehicle = 2, for_s = 20 }",
+    ];
+    let keys = ["formation.radius_m = 60.0", "formation.altitude_m = 25.0"];
+    for flight in in_parallel(3..9, |seed| missions::fly(&Mission::of(seed, 3, &keys, &steps, &faults))) {
+        assert!(flight.is_sound() && flight.ended_s.is_some_and(|ended_s| ended_s < 400.0), "{flight}");
+    }
+}
+
+#[test]
+fn a_member_that_cannot_reach_its_place_leaves_and_the_others_end_the_mission() {
+    let steps = ["{ centre_ne_m = [0, 0] }", "{ centre_ne_m = [200, 0] }"];
+    // In the second step one slot lies inside the obstacle.
+    let obstacle = "airspace.obstacles = [{ centre_ne_m = [300, 0], radius_m = 15 }]";
+    let keys = ["formation.law = \"virtual-structure\"", obstacle];
+    for flight in in_parallel(0..4, |seed| missions::fly(&Mission::of(seed, 3, &keys, &steps, &[]))) {
+        let reported: Vec<_> = flight.grounded.keys().map(|(_, why)| *why).collect();
+        assert_eq!(
+            reported,
+            [Grounded::Failed(Failure::Place), Grounded::Early],
+            "one vehicle, and it says why: {flight}"
+        );
+        assert!(flight.collisions.is_empty() && flight.ended_s.is_some_and(|ended_s| ended_s < 300.0), "{flight}");
     }
 }
 

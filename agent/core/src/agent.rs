@@ -154,7 +154,7 @@ impl Agent {
         let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
         Ok(Self {
             estimator: Estimator::new(origin, &scenario.sensing),
-            diagnosis: Diagnosis::new(aircraft),
+            diagnosis: Diagnosis::new(scenario, aircraft),
             peers: Peers::new(own, roster, plan, &scenario.network),
             strangers: Strangers::default(),
             intents: Intents::new(scenario).map(Box::new),
@@ -301,7 +301,8 @@ impl Agent {
     /// The failures found in the own vehicle, from the least to the most severe.
     pub fn failures(&self) -> Vec<Failure> {
         let stuck = self.mission.is_stuck().then_some(Failure::Altitude);
-        let mut failures: Vec<Failure> = self.diagnosis.found().chain(stuck).collect();
+        let place = self.mission.has_given_up().then_some(Failure::Place);
+        let mut failures: Vec<Failure> = self.diagnosis.found().chain(stuck).chain(place).collect();
         failures.sort_unstable();
         failures
     }
@@ -432,6 +433,8 @@ impl Agent {
             revision: self.peers.revision(),
             absent_may_fly: self.peers.absent_may_fly(),
             altitude_error_m: output.map(|output| output.altitude_error_m(estimate)),
+            error_m: output.map(|output| output.setpoint.error_ne_m().norm()),
+            position_is_stuck: self.diagnosis.is_position_stuck(),
             collective_limit: self.controller.collective_limit(),
             in_place: output.is_some_and(|output| output.in_place),
             frames_are_too_few: self.pace.is_too_slow(),

@@ -14,6 +14,7 @@
 //! | [`RoundTripOld`] | echo received | 60 s | local clock | the round trip bounds no delay |
 //! | [`Listened`] | first measurement | 2 s | local clock | the vehicle becomes an active member |
 //! | [`AltitudeStuck`] | no collective left | 20 s | plant time | the vehicle lands |
+//! | [`NoProgress`] | last time nearer to the step | `mission.progress_timeout_s` | plant time | the vehicle lands |
 //! | [`HoldOver`] | begin of the step | `hold_s` of the step | plant time | the vehicle has completed the step |
 //! | [`Dwelt`] | arrival in place | `dwell_s` of the step | plant time | the vehicle has completed the step |
 //! | [`TouchedDown`] | rest near the ground | 1 s | plant time | the rotor is unloaded |
@@ -41,6 +42,7 @@
 //! [`RoundTripOld`]: Deadline::RoundTripOld
 //! [`Listened`]: Deadline::Listened
 //! [`AltitudeStuck`]: Deadline::AltitudeStuck
+//! [`NoProgress`]: Deadline::NoProgress
 //! [`HoldOver`]: Deadline::HoldOver
 //! [`Dwelt`]: Deadline::Dwelt
 //! [`TouchedDown`]: Deadline::TouchedDown
@@ -86,6 +88,8 @@ pub enum Deadline {
     /// A vehicle off its altitude has come no nearer with the collective at its limit. With collective left the
     /// controller is still correcting.
     AltitudeStuck,
+    /// A vehicle has come no nearer to its step for `mission.progress_timeout_s`, the given time, s.
+    NoProgress(f64),
     /// A hold has lasted for the given time, s.
     HoldOver(f64),
     /// The vehicle has been in place for the given time without interruption, s.
@@ -118,6 +122,7 @@ impl Deadline {
             Self::RoundTripOld => 60.0,
             Self::Listened => 2.0,
             Self::AltitudeStuck => 20.0,
+            Self::NoProgress(timeout_s) => timeout_s,
             Self::HoldOver(hold_s) => hold_s,
             Self::Dwelt(dwell_s) => dwell_s,
             Self::TouchedDown => 1.0,
@@ -148,6 +153,7 @@ impl Deadline {
             | Self::LeniencyOver
             | Self::RoundTripOld
             | Self::AltitudeStuck
+            | Self::NoProgress(_)
             | Self::TouchedDown
             | Self::Unloaded
             | Self::SettingBegins => since_s > self.after_s(),

@@ -5,7 +5,7 @@
 //! | engine | the rotor, after reaching its speed, turns too slowly to lift; needs a measured rotor speed |
 //! | servo | roll or pitch rate differs from the command, or the climb is opposite to the command |
 //! | gyro | yaw rate differs from the pedals' command |
-//! | position | it repeats in the air, bit for bit, while the velocity has led metres away from it |
+//! | position | it repeats, bit for bit: in the air while the velocity has led metres away from it, or on the ground with the altitude of the formation |
 //!
 //! The expected response follows from the aircraft's flight model; without a model only engine and position are
 //! watched. A servo stuck at its commanded position has no symptom, and is found when it is commanded elsewhere.
@@ -15,7 +15,7 @@ use core::ops::Range;
 use skein_common::frame::Geodetic;
 use skein_common::math;
 use skein_common::message::Failure;
-use skein_common::scenario::Servo;
+use skein_common::scenario::{Scenario, Servo};
 
 use crate::aircraft::Aircraft;
 use crate::failsafe::{Condition, Conditions};
@@ -27,6 +27,13 @@ const AT_SPEED: f64 = 1.05;
 /// Path length after which a repeated position counts as frozen, m: single precision in degrees has steps of up to 1.7
 /// m.
 const FROZEN_OVER_M: f64 = 2.0;
+/// Path length from which a repeated position does not follow the vehicle, m. The vehicle does not become an active member
+/// meanwhile.
+const FOLLOWS_WITHIN_M: f64 = 0.2;
+/// How far below its altitude a vehicle counts as being at it, m.
+const BELOW_ALTITUDE_M: f64 = 1.0;
+/// Time for which a vehicle on the ground repeats a position that it can only have in the air, until it counts as frozen, s.
+const OFF_THE_GROUND_S: f64 = 1.0;
 /// Height of the centre of gravity below which the ground may hold the vehicle, m.
 const FREE_ABOVE_M: f64 = 1.5;
 /// Collective above the hover's from which the gyro is not judged by a yaw rate below the command: the main rotor's
@@ -54,10 +61,10 @@ pub struct Diagnosis {
 
 impl Diagnosis {
     /// The diagnosis of a vehicle of this type before take-off.
-    pub fn new(aircraft: &Aircraft) -> Self {
+    pub fn new(scenario: &Scenario, aircraft: &Aircraft) -> Self {
         let rotor = Rotor { lifts_at_rad_s: aircraft.take_off_rotor_rad_s(), was_at_speed: false };
         let monitor = aircraft.helicopter.as_ref().map(|model| ControlMonitor::new(model, aircraft.trim.controls()));
-        Self { rotor, monitor, position: Position::default(), worst: None, stuck: None, is_frozen: false }
+        Self { rotor, monitor, position: Position::of(scenario), worst: None, stuck: None, is_frozen: false }
     }
 
     /// Evaluates a plausible measurement taken `dt_s` of plant time after the last one, and the controls commanded in
@@ -94,7 +101,7 @@ impl Diagnosis {
     /// Forgets the observations, for a vehicle that may have been placed elsewhere at rest. Failures stay found.
     pub fn restart(&mut self) {
         self.rotor.was_at_speed = false;
-        self.position = Position::default();
+        self.position.restart();
         if let Some(monitor) = &mut self.monitor {
             monitor.reset();
         }
@@ -110,6 +117,11 @@ impl Diagnosis {
     pub fn found(&self) -> impl Iterator<Item = Failure> + use<> {
         let position = self.is_frozen.then_some(Failure::Position);
         position.into_iter().chain(self.worst.filter(|worst| Some(*worst) != position))
+    }
+
+    /// Whether the measured position does not follow the vehicle. It may do so again before it counts as frozen.
+    pub fn is_position_stuck(&self) -> bool {
+        self.is_frozen || self.position.path_m > FOLLOWS_WITHIN_M || self.position.off_the_ground_s > 0.0
     }
 
     /// Whether the measured position has frozen. It stays so.
@@ -136,21 +148,44 @@ impl Rotor {
 }
 
 /// Detects a position that repeats.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 struct Position {
+    /// Height above the ellipsoid from which a vehicle is at the altitude of a formation, m: one on the ground cannot be there.
+    in_air_from_m: f64,
     last: Option<Geodetic>,
     /// Path length flown since the position last changed, m.
     path_m: f64,
+    /// Time for which the vehicle on the ground has repeated a position in the air, s.
+    off_the_ground_s: f64,
 }
 
 impl Position {
+    fn of(scenario: &Scenario) -> Self {
+        let altitudes_m = scenario.mission.steps.iter().map(|step| step.formation.altitude_m);
+        let lowest_m = altitudes_m.fold(scenario.formation.altitude_m, f64::min);
+        // Over hills the ground may be as high as the formation: there it flies higher.
+        let is_flat = scenario.airspace.floor_above_ground_m.is_none();
+        let above_origin_m = if is_flat { lowest_m - BELOW_ALTITUDE_M } else { f64::INFINITY };
+        let in_air_from_m = scenario.origin.geodetic().altitude_m + above_origin_m;
+        Self { in_air_from_m, last: None, path_m: 0.0, off_the_ground_s: 0.0 }
+    }
+
+    fn restart(&mut self) {
+        (self.last, self.path_m, self.off_the_ground_s) = (None, 0.0, 0.0);
+    }
+
     fn is_frozen(&mut self, dt_s: f64, measurement: &Measurement) -> bool {
         let repeats = self.last == Some(measurement.position);
         self.last = Some(measurement.position);
         // A vehicle at rest on the ground repeats its position whatever a noisy sensor gives as its velocity.
         let speed_m_s = if measurement.height_m > FREE_ABOVE_M { measurement.velocity.0.norm() } else { 0.0 };
         self.path_m = if repeats { self.path_m + speed_m_s * dt_s } else { 0.0 };
-        self.path_m > FROZEN_OVER_M
+        // The agent of a vehicle that landed with a frozen position may be another one: nothing moves, and only the heights
+        // differ.
+        let is_off_the_ground =
+            repeats && measurement.height_m <= FREE_ABOVE_M && measurement.position.altitude_m >= self.in_air_from_m;
+        self.off_the_ground_s = if is_off_the_ground { self.off_the_ground_s + dt_s } else { 0.0 };
+        self.path_m > FROZEN_OVER_M || self.off_the_ground_s > OFF_THE_GROUND_S
     }
 }
 

@@ -2,8 +2,8 @@
 //! wins.
 //!
 //! Each stage of the loop adds the conditions it finds to one set, [`Conditions`], and a stage that has to act takes
-//! its [`Response`] from that set. The stages find own data first, then failures, then the peers, and last the altitude
-//! and the quorum. The table has the same order where it matters: a condition found by a later stage never outranks one
+//! its [`Response`] from that set. The stages find own data first, then failures, then the peers, and last the altitude,
+//! the progress and the quorum. The table has the same order where it matters: a condition found by a later stage never outranks one
 //! on which an earlier stage has acted.
 //!
 //! A landing outranks a hold, and so does the operator's order to land. A hold by the table and a hold by order are the
@@ -28,7 +28,7 @@ pub struct Row {
 }
 
 /// Every condition once, by descending priority. Without any of them the vehicle flies on.
-pub const TABLE: [Row; 12] = [
+pub const TABLE: [Row; 13] = [
     row(Condition::SimulatorStopped, Response::LetGo),
     row(Condition::SimulatorLost, Response::LetGo),
     row(Condition::OwnDataStale, Response::Neutral),
@@ -39,6 +39,7 @@ pub const TABLE: [Row; 12] = [
     row(Condition::AltitudeStuck, Response::Land),
     row(Condition::GyroOff, Response::Land),
     row(Condition::PositionFrozen, Response::Land),
+    row(Condition::NoProgress, Response::Land),
     row(Condition::QuorumLost, Response::Hold),
     row(Condition::AllPeersLost, Response::Hold),
 ];
@@ -67,6 +68,8 @@ pub enum Condition {
     GyroOff,
     /// The measured position is frozen; the estimator dead-reckons.
     PositionFrozen,
+    /// The vehicle comes no nearer to the step that others wait to leave.
+    NoProgress,
     /// At most half of the roster is in contact, and the scenario requires more.
     QuorumLost,
     /// The peers that were in contact are all lost, for less than a minute.
@@ -148,6 +151,7 @@ impl Condition {
 impl From<Failure> for Condition {
     fn from(failure: Failure) -> Self {
         match failure {
+            Failure::Place => Self::NoProgress,
             Failure::Position => Self::PositionFrozen,
             Failure::Gyro => Self::GyroOff,
             Failure::Altitude => Self::AltitudeStuck,
@@ -191,7 +195,6 @@ mod tests {
     #[test]
     fn a_worse_failure_has_a_higher_priority() {
         let place = |failure: Failure| TABLE.iter().position(|row| row.condition == failure.into()).unwrap();
-        let failures = [Failure::Position, Failure::Gyro, Failure::Altitude, Failure::Servo, Failure::Engine];
-        assert!(failures.windows(2).all(|two| two[0] < two[1] && place(two[0]) > place(two[1])));
+        assert!(Failure::ALL.windows(2).all(|two| two[0] < two[1] && place(two[0]) > place(two[1])));
     }
 }

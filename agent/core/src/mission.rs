@@ -18,6 +18,7 @@
 //! it holds its place for two seconds, as a restarted agent does, and joins again.
 
 pub mod agreement;
+mod approach;
 pub mod centre;
 pub mod landing;
 pub mod plan;
@@ -40,6 +41,7 @@ use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions, Response};
 use crate::peers::{PeerProgress, Report};
 use agreement::{Agreement, AgreementState, OtherStates, Progress};
+use approach::{Approach, Remaining};
 use landing::Landing;
 use plan::{Kind, Leg};
 use progress::LegProgress;
@@ -67,6 +69,10 @@ pub struct View {
     pub conditions: Conditions,
     /// Altitude setpoint minus altitude, m; `None` before the first setpoint.
     pub altitude_error_m: Option<f64>,
+    /// Length of the horizontal position error that the formation commands away, m; `None` before the first setpoint.
+    pub error_m: Option<f64>,
+    /// Whether the measured position does not follow the vehicle.
+    pub position_is_stuck: bool,
     /// The limit of the climb authority, if the controller is at one.
     pub collective_limit: Option<CollectiveLimit>,
     /// Whether the vehicle is where the formation commands it, at its altitude and slow.
@@ -120,6 +126,10 @@ pub struct Mission {
     /// Time for which the vehicle has been off its altitude and coming no nearer, with no collective left, s.
     stuck_s: f64,
     progress: LegProgress,
+    approach: Approach,
+    progress_timeout_s: f64,
+    /// Whether the vehicle has once come no nearer to a step for too long: it lands for good.
+    gave_up: bool,
     /// Whether this vehicle has once completed its step, except that the next one may be taken.
     is_complete: bool,
     /// The step has just begun, and other vehicles may be farther along it.
@@ -176,6 +186,9 @@ impl Mission {
             at_altitude: false,
             stuck_s: 0.0,
             progress: LegProgress::default(),
+            approach: Approach::default(),
+            progress_timeout_s: scenario.mission.progress_timeout_s,
+            gave_up: false,
             is_complete: false,
             is_late: false,
             stay: None,
@@ -251,7 +264,12 @@ impl Mission {
             let progress = self.agreement.follow(&others);
             self.begin_step(progress, heartbeats.clone(), happened);
             self.update_awaited(heartbeats.clone());
-            self.live = others.live();
+            let live = others.live();
+            if live != self.live {
+                // Another member may have been in the way, or has a place now.
+                self.approach.restart();
+            }
+            self.live = live;
             self.watch_quorum(self.agreement.has_quorum(&others), happened);
             self.followed = Some(self.inputs(view));
         }
@@ -264,7 +282,9 @@ impl Mission {
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
             self.catch_up(&others, heartbeats.clone());
         }
-        let may_fly = self.is_rotor_ready(estimate) && (!view.frames_are_too_few || estimate.height_m > FLYING_ABOVE_M);
+        let may_fly = self.is_rotor_ready(estimate)
+            && !view.position_is_stuck
+            && (!view.frames_are_too_few || estimate.height_m > FLYING_ABOVE_M);
         if self.membership() == Membership::Joining && has_listened && may_fly {
             self.agreement.set_membership(Membership::Active);
         }
@@ -319,6 +339,11 @@ impl Mission {
     /// Whether the vehicle has been off its altitude and coming no nearer for too long, with no collective left.
     pub fn is_stuck(&self) -> bool {
         Deadline::AltitudeStuck.is_past(self.stuck_s)
+    }
+
+    /// Whether the vehicle lands because it has come no nearer to a step for too long.
+    pub fn has_given_up(&self) -> bool {
+        self.gave_up
     }
 
     /// What the vehicle is doing.
@@ -389,6 +414,7 @@ impl Mission {
     fn conditions(&self, view: &View) -> Conditions {
         let mut conditions = view.conditions;
         conditions.extend(self.is_stuck().then_some(Condition::AltitudeStuck));
+        conditions.extend(self.gave_up.then_some(Condition::NoProgress));
         conditions.extend((!self.has_quorum).then_some(Condition::QuorumLost));
         conditions
     }
@@ -413,6 +439,7 @@ impl Mission {
         happened.extend((self.membership() != Membership::Left).then_some(event));
         self.update_awaited(heartbeats);
         self.progress.begin_next();
+        self.approach.restart();
         self.is_complete = false;
         self.is_late = true;
     }
@@ -481,8 +508,10 @@ impl Mission {
         let is_stuck = !is_at_altitude && Self::is_without_authority(estimate, view);
         self.stuck_s = if is_stuck { self.stuck_s + self.progress.since_s(now.plant) } else { 0.0 };
         happened.extend(self.is_stuck().then_some(EventKind::Failed(Failure::Altitude)));
+        let dt_s = self.progress.since_s(now.plant);
         let is_complete = self.completes(now.plant, view.in_place, heartbeats.clone());
         self.is_complete |= is_complete;
+        self.watch_approach(dt_s, estimate, view, happened);
         if is_complete && !view.is_next_taken && self.reached() < Some(self.at()) {
             self.agreement.reach();
             happened.push(EventKind::Reached(self.at()));
@@ -491,6 +520,25 @@ impl Mission {
         let (centre_ne_m, centre_velocity_ne_m_s) = self.centre();
         let step = self.at() as usize;
         Task::Formation(MissionGoal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
+    }
+
+    /// Watches whether the vehicle comes nearer to a step that it has to reach, so that the others can leave it.
+    fn watch_approach(&mut self, dt_s: f64, estimate: &Estimate, view: &View, happened: &mut Vec<EventKind>) {
+        let has_next = self.at() as usize + 1 < self.legs.len();
+        let place = self.leg().filter(|leg| has_next && leg.needs_place());
+        let (Some(leg), Some(error_m), Some(altitude_error_m)) = (place, view.error_m, view.altitude_error_m) else {
+            return;
+        };
+        if self.is_complete {
+            return;
+        }
+        let (path_m, dwell_s) = self.progress.remaining(leg);
+        let (centre_ne_m, _) = self.progress.centre(leg);
+        let to_centre_m = (estimate.position.horizontal() - centre_ne_m).norm();
+        let altitude_error_m = altitude_error_m.abs();
+        self.approach.update(dt_s, Remaining { to_centre_m, error_m, altitude_error_m, path_m, dwell_s });
+        self.gave_up = self.approach.has_stopped(self.progress_timeout_s);
+        happened.extend(self.gave_up.then_some(EventKind::Failed(Failure::Place)));
     }
 
     /// Begins the next step if this vehicle and all others have reached this one.

@@ -6,10 +6,16 @@ mod responses;
 use nalgebra::Vector2;
 use proptest::prelude::*;
 use skein_common::frame::VelocityNed;
+use skein_common::scenario::{Source, load};
 
 use super::*;
 use crate::helicopter::{Failures, TICK_S};
 use flight::{Flight, FlightSensing};
+
+/// A scenario in which a formation flies at 30 m.
+fn scenario() -> Scenario {
+    load(&Source { name: "test", text: "swarm.vehicles = 1\nformation.altitude_m = 30.0" }, &[]).unwrap().scenario
+}
 
 const HEALTHY: Failures = Failures { engine_out: false, gyro_off: false, stuck: [false; 3], position_frozen: false };
 const ENGINE_OUT: Failures = Failures { engine_out: true, ..HEALTHY };
@@ -270,7 +276,7 @@ fn xcell60() -> Aircraft {
 
 #[test]
 fn a_failure_stays_found_and_only_a_worse_one_or_the_position_is_reported() {
-    let mut diagnosis = Diagnosis::new(&xcell60());
+    let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
     let trim = Some(xcell60().trim.controls());
     let mut seconds = |number: u32, turn_rad_s: f64, rotor_rad_s: f64, moves: bool| {
         let news = (0..50 * number).filter_map(|tick| {
@@ -289,7 +295,7 @@ fn a_failure_stays_found_and_only_a_worse_one_or_the_position_is_reported() {
 
 #[test]
 fn a_rotor_that_speeds_up_or_is_not_measured_has_not_failed() {
-    let mut diagnosis = Diagnosis::new(&xcell60());
+    let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
     for speed in 0..150 {
         assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(speed), Some(f64::from(speed))), None), None);
     }
@@ -300,7 +306,7 @@ fn a_rotor_that_speeds_up_or_is_not_measured_has_not_failed() {
 
 #[test]
 fn a_restarted_simulator_with_its_rotor_at_rest_is_not_a_failure() {
-    let mut diagnosis = Diagnosis::new(&xcell60());
+    let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
     assert_eq!(diagnosis.update(TICK_S, &measured(0.0, Some(167.0)), None), None);
     diagnosis.restart();
     for speed in 0..168 {
@@ -312,7 +318,7 @@ fn a_restarted_simulator_with_its_rotor_at_rest_is_not_a_failure() {
 #[test]
 fn without_a_flight_model_only_engine_and_position_are_watched() {
     let aircraft = Aircraft { helicopter: None, rotor_speed_rad_s: Some(167.0), ..xcell60() };
-    let mut diagnosis = Diagnosis::new(&aircraft);
+    let mut diagnosis = Diagnosis::new(&scenario(), &aircraft);
     let full = Some(Controls { roll: 1.0, pitch: -1.0, yaw: 1.0, collective: 0.0 });
     for tick in 0..500 {
         assert_eq!(diagnosis.update(TICK_S, &measured(f64::from(tick), Some(167.0)), full), None);
@@ -322,7 +328,7 @@ fn without_a_flight_model_only_engine_and_position_are_watched() {
 
 #[test]
 fn a_vehicle_on_the_ground_with_a_noisy_velocity_has_no_frozen_position() {
-    let mut diagnosis = Diagnosis::new(&xcell60());
+    let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
     let standing = Measurement { height_m: 0.25, ..measured(0.0, Some(167.0)) };
     assert!((0..5000).all(|_| diagnosis.update(TICK_S, &standing, None).is_none()));
     let flying = Measurement { height_m: 2.0, ..standing };
@@ -330,11 +336,39 @@ fn a_vehicle_on_the_ground_with_a_noisy_velocity_has_no_frozen_position() {
 }
 
 #[test]
+fn a_position_in_the_air_is_not_believed_by_a_vehicle_that_stands_on_the_ground() {
+    let in_air = |height_m: f64, altitude_m: f64| {
+        let mut standing = Measurement { height_m, velocity: VelocityNed::default(), ..measured(0.0, Some(167.0)) };
+        standing.position.altitude_m = altitude_m;
+        let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
+        let found = (0..100).find_map(|_| diagnosis.update(TICK_S, &standing, None));
+        (found, diagnosis.is_position_stuck())
+    };
+    let origin_m = scenario().origin.geodetic().altitude_m;
+    // The formation flies at 30 m.
+    assert_eq!(in_air(0.25, origin_m + 30.0), (Some(Failure::Position), true));
+    assert_eq!(in_air(0.25, origin_m + 29.5), (Some(Failure::Position), true));
+    assert_eq!(in_air(0.25, origin_m + 0.25), (None, false), "on the ground");
+    assert_eq!(in_air(0.25, origin_m + 12.0), (None, false), "on a hill, or it takes off and notices");
+    assert_eq!(in_air(30.0, origin_m + 30.0), (None, false), "at rest in the air, as a point mass");
+}
+
+#[test]
+fn a_position_that_lags_behind_the_vehicle_in_the_air_is_stuck_before_it_is_frozen() {
+    let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
+    let flying = Measurement { height_m: 20.0, ..measured(0.0, Some(167.0)) };
+    let found: Vec<_> =
+        (0..8).map(|_| (diagnosis.update(TICK_S, &flying, None), diagnosis.is_position_stuck())).collect();
+    assert_eq!(found.iter().filter(|(failure, _)| failure.is_some()).count(), 0, "{found:?}");
+    assert!(!found[0].1 && found[7].1, "{found:?}");
+}
+
+#[test]
 fn a_nose_that_the_wind_turns_against_the_pedals_is_no_failure_of_the_gyro() {
     let trim = xcell60().trim.controls();
     // The vehicle banks, its pedals command a turn and its heading stays.
     let found = |roll_rad: f64, pedals: f64| {
-        let mut diagnosis = Diagnosis::new(&xcell60());
+        let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
         (0..300).find_map(|tick| {
             let mut measured = measured(f64::from(tick), Some(167.0));
             measured.attitude.roll_rad = roll_rad;
@@ -350,7 +384,7 @@ fn a_nose_that_the_wind_turns_against_the_pedals_is_no_failure_of_the_gyro() {
 
 #[test]
 fn stopped_time_does_not_freeze_the_position() {
-    let mut diagnosis = Diagnosis::new(&xcell60());
+    let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
     for dt_s in [0.0, -5.0] {
         for _ in 0..1_000 {
             assert_eq!(diagnosis.update(dt_s, &measured(0.0, Some(167.0)), None), None);
@@ -368,7 +402,7 @@ proptest! {
     fn for_any_measurement_failures_only_get_worse_and_are_reported_once(
         steps in prop::collection::vec((number(), number(), number(), number(), [number(), number(), number(), number()]), 1..200),
     ) {
-        let mut diagnosis = Diagnosis::new(&xcell60());
+        let mut diagnosis = Diagnosis::new(&scenario(), &xcell60());
         for (dt_s, east_m, turn_rad_s, rotor_rad_s, [roll, pitch, yaw, collective]) in steps {
             let mut measured = measured(if east_m.is_finite() { east_m } else { 0.0 }, Some(rotor_rad_s));
             (measured.rates.yaw_rad_s, measured.rates.roll_rad_s) = (turn_rad_s, turn_rad_s);

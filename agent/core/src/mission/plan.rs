@@ -17,6 +17,13 @@ pub struct Leg {
     pub dwell_s: f64,
 }
 
+impl Leg {
+    /// Whether a vehicle has to be at its place to complete the step.
+    pub fn needs_place(&self) -> bool {
+        matches!(self.kind, Kind::Place | Kind::Path(_))
+    }
+}
+
 /// The target of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {

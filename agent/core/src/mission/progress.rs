@@ -79,6 +79,15 @@ impl LegProgress {
         }
     }
 
+    /// What remains of this step: the centre's way along its path, m, and the time for which the vehicle has to be in place, s.
+    pub fn remaining(&self, leg: &Leg) -> (f64, f64) {
+        let path_m = match &leg.kind {
+            Kind::Path(path) => (path.length_m() - self.along_m).max(0.0),
+            _ => 0.0,
+        };
+        (path_m, (leg.dwell_s - self.placed_s).max(0.0))
+    }
+
     /// Position and velocity of the centre, north and east, m and m/s.
     pub fn centre(&self, leg: &Leg) -> (Vector2<f64>, Vector2<f64>) {
         match &leg.kind {

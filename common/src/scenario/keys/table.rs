@@ -258,6 +258,8 @@ pub const KEYS: &[Key] = &[
         .paper(number(1.0)),
     key("mission.dwell_s", from(0.0, 600.0), number(3.0),
         "how long a vehicle has to be in place before it reports \"reached\", so that flying through the place does not count"),
+    key("mission.progress_timeout_s", from(5.0, 1e6), number(60.0),
+        "how long a vehicle may come no nearer to a step that others wait to leave, before it reports so, leaves the swarm and lands"),
     key("mission.partition", OneOf(&["continue", "quorum"]), text("continue"),
         "what a swarm does when the network splits it: every partition continues the mission, or only one with more than half the vehicles"),
     key("mission.steps", Tables, Literal::Toml("[{ centre_ne_m = [0.0, 0.0] }]"),

@@ -16,6 +16,8 @@ pub struct Mission {
     pub speed_m_s: f64,
     /// Time for which a vehicle has to be in place to report "reached", s, unless the step sets another.
     pub dwell_s: f64,
+    /// Time after which a vehicle that comes no nearer to its step leaves and lands, s.
+    pub progress_timeout_s: f64,
     /// Behaviour of a swarm that the network splits.
     pub partition: Partition,
 }

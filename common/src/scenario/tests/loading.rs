@@ -99,6 +99,7 @@ fn defaults_and_paper_values_are_the_documented_ones() {
         ("world.wind_m_s", "0.0", None), ("world.wind_from_deg", "0.0", None), ("world.gust_w20_m_s", "0.0", None),
         ("swarm.plant", r#""builtin""#, None), ("swarm.aircraft", r#""xcell60""#, None),
         ("origin.latitude_deg", "28.0", None), ("origin.longitude_deg", "-82.0", None), ("origin.elevation_m", "0.0", None),
+        ("mission.progress_timeout_s", "60.0", None),
         ("mission.partition", r#""continue""#, None),
         ("network.state_error_m", "0.1", None), ("network.state_error_m_s", "0.1", None),
         ("network.state_max_period_s", "0.2", None),

@@ -60,7 +60,7 @@ impl Flight {
             vehicle: BuiltInVehicle::new(&origin, parameters, &start, &weather, seed, id),
             estimator: Estimator::new(origin, &Sensing::without_errors(position, velocity)),
             controller: VehicleController::new(Rules::shipped(), aircraft.trim, aircraft.gains, true),
-            diagnosis: Diagnosis::new(&aircraft),
+            diagnosis: Diagnosis::new(&super::scenario(), &aircraft),
             command: None,
             time_s: 0.0,
             place_ne_m: Vector2::zeros(),
