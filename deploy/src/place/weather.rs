@@ -38,11 +38,17 @@ fn turbulence(world: &World) -> f64 {
     (world.gust_w20_m_s / SEVERE_W20_M_S).min(1.0)
 }
 
+/// Distance from the origin beyond which no vehicle of a scenario flies, m: an aircraft there has not been placed yet.
+const FLOWN_WITHIN_M: f64 = 3e5;
+
 /// The scenario with its wind's direction from the local north at a place, as a simulator there takes it; in the scenario it
 /// is from the north of the swarm's frame.
 pub(crate) fn local(scenario: &Scenario, at: &Geodetic) -> Scenario {
     let mut local = scenario.clone();
-    let convergence = Origin::new(scenario.origin.geodetic()).convergence_at(at);
+    let (from_origin, convergence) = Origin::new(scenario.origin.geodetic()).locate(at);
+    if from_origin.horizontal().norm() > FLOWN_WITHIN_M {
+        return local;
+    }
     local.world.wind_from_deg = convergence.heading_to_local(scenario.world.wind_from_rad()).to_degrees();
     local
 }
