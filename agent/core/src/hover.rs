@@ -48,8 +48,11 @@ pub struct Hover {
     pub is_airborne: bool,
 }
 
+/// Takes a figure from a hover.
+type Figure = fn(&Hover) -> f64;
+
 /// A figure of a hover with its largest value at which the hover holds: far from what usable rules need.
-const LIMITS: [(&str, f64, &str, fn(&Hover) -> f64); 6] = [
+const LIMITS: [(&str, f64, &str, Figure); 6] = [
     ("distance", 4.0, "m", |hover| hover.place_rms_m),
     ("altitude error", 4.0, "m", |hover| hover.altitude_rms_m),
     ("heading error", 10.0, "°", |hover| hover.heading_rms_deg),

@@ -67,7 +67,7 @@ pub(in crate::control) fn read(file: &str, text: &str) -> Result<(Fis, Places), 
         }
         input_places.push(section.name_place());
         ranges.push(range.place());
-        section.variable([low, high], |kind, parameters| Membership::new(kind, parameters))
+        section.variable([low, high], Membership::new)
     };
     let inputs = inputs.iter().map(&mut input).collect::<Result<Vec<_>, _>>()?;
     let output_places = outputs.iter().map(Section::name_place).collect();
