@@ -19,8 +19,9 @@ use super::HostPort;
 
 /// X-Plane's port.
 const PORT: u16 = 8086;
-/// Time for an answer, and for a flight that is being loaded.
-const ANSWERS_WITHIN: Duration = Duration::from_secs(3);
+/// Time for a connection, for an answer of a PC that does much else, and for a flight that is being loaded.
+const CONNECTS_WITHIN: Duration = Duration::from_secs(3);
+const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
 const LOADS_WITHIN: Duration = Duration::from_secs(60);
 /// Largest answer, bytes: X-Plane lists about ten thousand datarefs.
 const LARGEST: u64 = 32 * 1024 * 1024;
@@ -105,7 +106,7 @@ impl WebApi {
     /// If nothing answers, or X-Plane refuses.
     pub(crate) fn open(at: &HostPort) -> Result<Self, WebError> {
         let config = ureq::Agent::config_builder().http_status_as_error(false).proxy(None);
-        let agent = config.timeout_connect(Some(ANSWERS_WITHIN)).timeout_global(Some(LOADS_WITHIN)).build().new_agent();
+        let agent = config.timeout_connect(Some(CONNECTS_WITHIN)).timeout_global(Some(LOADS_WITHIN)).build().new_agent();
         let place = at.to_string();
         let mut api = Self { agent, place, versions: Vec::new(), simulator: String::new(), datarefs: BTreeMap::new() };
         match api.get("capabilities") {
