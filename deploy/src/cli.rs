@@ -28,7 +28,7 @@ use crate::scenarios::{self, ScenariosArgs};
 use crate::status::{self, StatusArgs};
 use crate::version;
 use crate::view::{self, ViewArgs};
-use skein_lab::cli::parsed;
+use skein_lab::cli::{finish, parsed};
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
 use skein_lab::study::{self, StudyArgs};
@@ -113,7 +113,7 @@ pub fn main_with(laws: Laws) -> ExitCode {
     // clap would make this text at every start, and it needs the whole file of the program.
     if std::env::args_os().skip(1).eq(["--version"]) {
         draw(&version::details());
-        return ExitCode::SUCCESS;
+        return finish(Ok(()));
     }
     match laws.add() {
         Ok(()) => run(parsed::<Cli>().command),
@@ -152,7 +152,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Agent(options) => return host::fly(&options),
         Command::Standin(options) => standin(&options),
     };
-    done.map_or_else(|error| error.report(), |()| ExitCode::SUCCESS)
+    finish(done)
 }
 
 fn standin(options: &StandinOptions) -> Result<(), Error> {

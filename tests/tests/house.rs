@@ -282,3 +282,21 @@ fn the_core_and_the_lab_are_built_without_network() {
     }
     assert!(built_from("skein-agent").contains("zenoh"), "cargo names what a package is built from");
 }
+
+#[test]
+fn every_text_for_stdout_passes_through_one_place() {
+    for folder in ["agent/host/src", "agent/src", "deploy/lab/src", "deploy/src"] {
+        let mut modules = BTreeMap::new();
+        sources(&root().join(folder), &[], &mut modules);
+        let prints = |code: &str| {
+            code.match_indices("print").any(|(at, _)| {
+                let is_name = code[..at].ends_with(|letter: char| letter.is_alphanumeric() || letter == '_');
+                !is_name && ["print!(", "println!("].iter().any(|call| code[at..].starts_with(call))
+            })
+        };
+        assert!(prints("println!(\"a\")") && !prints("eprintln!(\"a\")"));
+        let wrong: Vec<_> =
+            modules.iter().filter(|(_, code)| prints(code)).map(|(module, _)| module.join("::")).collect();
+        assert!(wrong.is_empty(), "{folder}: {wrong:?} print past skein_lab::terminal, where an error is noticed");
+    }
+}

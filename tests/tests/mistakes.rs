@@ -176,3 +176,39 @@ fn every_mistake_is_answered_with_what_is_wrong_and_what_to_do() {
     }
     assert_eq!(text.lines().count(), golden.lines().count());
 }
+
+/// The exit status and stderr of a command whose stdout is this file.
+#[cfg(target_os = "linux")]
+fn printed_to(stdout: Stdio, arguments: &str) -> (Option<i32>, String) {
+    let folder = TempDir::new().unwrap();
+    let mut command = Command::new(PROGRAM);
+    command.current_dir(folder.path()).args(arguments.split(' ')).stdin(Stdio::null()).stdout(stdout);
+    let output = command.stderr(Stdio::piped()).output().unwrap();
+    (output.status.code(), String::from_utf8(output.stderr).unwrap())
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn what_cannot_be_printed_is_a_failure_unless_its_reader_has_gone() {
+    for arguments in [
+        "--version",
+        "--help",
+        "study --help",
+        "check hover",
+        "check hover --json",
+        "explain radius",
+        "scenarios",
+        "completions bash",
+        "study hover --set duration_s=5 --no-record --json",
+        "study hover --set duration_s=5 --no-record",
+    ] {
+        let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let (status, stderr) = printed_to(full.into(), arguments);
+        assert_eq!(status, Some(1), "{arguments}: {stderr}");
+        assert!(stderr.contains("standard output: No space left on device"), "{arguments}: {stderr}");
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let (status, stderr) = printed_to(writer.into(), arguments);
+        assert_eq!(status, Some(0), "{arguments}: {stderr}");
+    }
+}

@@ -13,6 +13,7 @@ use crate::compare::{self, CompareArgs};
 use crate::error::Error;
 use crate::report::{self, ReportArgs};
 use crate::study::{self, StudyArgs};
+use crate::terminal::{lost, note};
 
 /// Swarms in virtual time: flown, measured, compared.
 ///
@@ -40,12 +41,38 @@ pub enum Command {
 pub fn main_with(laws: Laws) -> ExitCode {
     let done =
         laws.add().map_err(|fault| Error::Refused(fault.to_string())).and_then(|()| run(&parsed::<Cli>().command));
-    done.map_or_else(|error| error.report(), |()| ExitCode::SUCCESS)
+    finish(done)
 }
 
-/// Parses the arguments of this process. If they are wrong, the process ends with exit status 2 and [`parse_from`]'s message.
+/// Ends a command: its exit status, which is 1 instead of 0 if something that it printed did not reach stdout. Then the reason
+/// stands on stderr. A closed pipe (`| head`) is no error.
+pub fn finish(done: Result<(), Error>) -> ExitCode {
+    done.and_then(|()| printed()).map_or_else(|error| error.report(), |()| ExitCode::SUCCESS)
+}
+
+/// What a command printed has reached stdout.
+fn printed() -> Result<(), Error> {
+    match lost() {
+        Some(why) => {
+            Err(Error::Failed(format!("standard output: {why}; what was printed is incomplete, send it elsewhere")))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Parses the arguments of this process. If they are wrong, the process ends with exit status 2 and [`parse_from`]'s message; a
+/// help that cannot be printed ends it with 1.
 pub fn parsed<T: Parser>() -> T {
-    parse_from(std::env::args_os()).unwrap_or_else(|error| error.exit())
+    parse_from(std::env::args_os()).unwrap_or_else(|error| {
+        if error.use_stderr() {
+            error.exit();
+        }
+        note(error.print());
+        let printed = printed();
+        let status = printed.as_ref().map_or_else(Error::exit_code, |()| 0);
+        printed.map_err(|error| error.report()).ok();
+        std::process::exit(status.into())
+    })
 }
 
 /// Parses these arguments, the first of which is the program's name.

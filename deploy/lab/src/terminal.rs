@@ -1,6 +1,7 @@
 //! Writes to the terminal: text with its control characters made visible, and JSON.
 
-use std::io::IsTerminal;
+use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::sync::OnceLock;
 
 use comfy_table::Table;
 use serde::Serialize;
@@ -59,6 +60,25 @@ fn shell_lines(command: &str, columns: usize) -> String {
     }
 }
 
+/// Why the first text did not reach stdout, if one did not.
+static LOST: OnceLock<String> = OnceLock::new();
+
+/// Keeps the first error of stdout for [`lost`]. A closed pipe is none: its reader has what it wanted.
+pub(crate) fn note(written: io::Result<()>) {
+    if let Err(error) = written
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        // An earlier error is the one to report.
+        let _ = LOST.set(error.to_string());
+    }
+}
+
+/// Hands over what waits for stdout. Returns why something that was printed did not reach it, as on a full disk, if it did not.
+pub fn lost() -> Option<&'static str> {
+    note(io::stdout().flush());
+    LOST.get().map(String::as_str)
+}
+
 /// Writes text to stdout and makes its control characters visible.
 ///
 /// Every text from another host or process passes through this function or [`complain`], because a terminal would obey
@@ -69,15 +89,13 @@ pub fn say(text: &str) {
 
 /// Writes a line to stderr and makes its control characters visible.
 pub fn complain(line: &str) {
-    use std::io::Write;
-    let _ = writeln!(std::io::stderr(), "{}", printable_lines(line));
+    let _ = writeln!(io::stderr(), "{}", printable_lines(line));
 }
 
 /// Writes text with our own escape sequences to stdout; text from elsewhere in it must already be
 /// [`printable`](skein_common::printable).
 pub fn draw(text: &str) {
-    use std::io::Write;
-    let _ = std::io::stdout().write_all(text.as_bytes());
+    note(std::io::stdout().write_all(text.as_bytes()));
 }
 
 #[cfg(test)]

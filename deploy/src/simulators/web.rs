@@ -106,7 +106,8 @@ impl WebApi {
     /// If nothing answers, or X-Plane refuses.
     pub(crate) fn open(at: &HostPort) -> Result<Self, WebError> {
         let config = ureq::Agent::config_builder().http_status_as_error(false).proxy(None);
-        let agent = config.timeout_connect(Some(CONNECTS_WITHIN)).timeout_global(Some(LOADS_WITHIN)).build().new_agent();
+        let agent =
+            config.timeout_connect(Some(CONNECTS_WITHIN)).timeout_global(Some(LOADS_WITHIN)).build().new_agent();
         let place = at.to_string();
         let mut api = Self { agent, place, versions: Vec::new(), simulator: String::new(), datarefs: BTreeMap::new() };
         match api.get("capabilities") {
