@@ -186,6 +186,32 @@ fn a_killed_study_resumes_and_gives_the_same_files() {
 }
 
 #[test]
+fn a_folder_into_which_a_study_writes_is_refused_until_its_process_has_ended() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = "study --no-record --set duration_s=300 --seeds 0..2000 --out shared";
+    let mut first = Command::new(PROGRAM);
+    first.current_dir(folder.path()).args(study.split(' ')).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut first = first.spawn().unwrap();
+    while !folder.path().join("shared/study.json").exists() {
+        assert_eq!(first.try_wait().unwrap(), None);
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    fail(folder.path(), study, 2, &format!("process {} on ", first.id()));
+    let flight = "fly --no-view --duration 1 --out shared";
+    fail(folder.path(), flight, 2, "the folder already contains files");
+    first.kill().unwrap();
+    first.wait().unwrap();
+    let mut second = Command::new(PROGRAM);
+    second.current_dir(folder.path()).args(study.split(' ')).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut second = second.spawn().unwrap();
+    let mut line = String::new();
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(second.stderr.take().unwrap()), &mut line).unwrap();
+    assert!(line.contains("are there already"), "it resumes: {line}");
+    second.kill().unwrap();
+    second.wait().unwrap();
+}
+
+#[test]
 fn an_invalid_study_is_refused_before_any_run() {
     let folder = tempfile::tempdir().unwrap();
     for (sweep, why) in [

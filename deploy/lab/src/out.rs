@@ -1,10 +1,12 @@
-//! Chooses the folder that a run writes into.
+//! Chooses the folder that a run writes into, and claims it.
 
 use std::env;
-use std::fs;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::Error;
+use skein_common::printable::printable;
 use skein_host::clock;
 
 /// The environment variable that names the folder of runs without an `--out`.
@@ -22,7 +24,8 @@ pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
     };
     let out = std::path::absolute(&out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))?;
     let refused = |why: &str| Err(Error::Refused(format!("--out {}: {why}", out.display())));
-    match fs::read_dir(&out).map(|mut entries| entries.next().is_some()) {
+    let is_content = |entry: std::io::Result<fs::DirEntry>| entry.is_ok_and(|entry| entry.file_name() != CLAIM);
+    match fs::read_dir(&out).map(|mut entries| entries.any(is_content)) {
         Ok(true) => refused("the folder already contains files; choose another folder"),
         Ok(false) => Ok(out),
         Err(_) if out.exists() => refused("not a folder that can be written to"),
@@ -30,11 +33,65 @@ pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
     }
 }
 
-/// Creates a folder for what is written.
+/// Name of the file by which a command claims a folder. It stays there, empty.
+const CLAIM: &str = ".skein-lock";
+/// Longest text of a claim that is shown, bytes.
+const MOST_CLAIM_BYTES: u64 = 300;
+
+/// A claim on a folder: no other command writes into it until this is dropped or its process ends, however it ends.
+#[derive(Debug)]
+#[must_use]
+pub struct Claim(Option<File>);
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        // The lock is released with the file; a text that stays is no claim.
+        self.0.iter().for_each(|file| drop(file.set_len(0)));
+    }
+}
+
+/// Creates a folder for what is written, and claims it. On a file system without locks the claim keeps no other command away.
 ///
 /// # Errors
-/// If it cannot be created: the reason, and how to choose another.
-pub fn create(out: &Path) -> Result<(), Error> {
+/// If it cannot be created: the reason, and how to choose another. Or if another command has claimed it: its process, PC and
+/// begin.
+pub fn claim(out: &Path) -> Result<Claim, Error> {
+    create(out)?;
+    let path = out.join(CLAIM);
+    let failed = |error| Error::Failed(format!("{}: {error}", path.display()));
+    let mut file =
+        OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(failed)?;
+    match file.try_lock() {
+        Ok(()) => {
+            let own = format!("process {} on {} since {}", std::process::id(), host(), clock::utc_stamp());
+            file.set_len(0)
+                .and_then(|()| file.rewind())
+                .and_then(|()| file.write_all(own.as_bytes()))
+                .map_err(failed)?;
+            Ok(Claim(Some(file)))
+        }
+        Err(TryLockError::WouldBlock) => {
+            let mut other = String::new();
+            // A text that cannot be read is left out: the lock decides.
+            let _ = file.take(MOST_CLAIM_BYTES).read_to_string(&mut other);
+            let other = if other.is_empty() { "another command".to_owned() } else { printable(&other) };
+            let out = out.display();
+            Err(Error::Refused(format!(
+                "--out {out}: {other} writes there; wait for its end, or choose another folder"
+            )))
+        }
+        Err(TryLockError::Error(_)) => Ok(Claim(None)),
+    }
+}
+
+/// Name of this PC, for people.
+fn host() -> String {
+    let named = fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    let variable = || ["HOSTNAME", "COMPUTERNAME"].iter().find_map(|name| env::var(name).ok());
+    named.or_else(variable).map_or_else(|| "a PC".to_owned(), |name| name.trim().to_owned())
+}
+
+fn create(out: &Path) -> Result<(), Error> {
     fs::create_dir_all(out).map_err(|error| {
         Error::Failed(format!(
             "{}: the folder cannot be created: {error}; choose another with --out, or with the environment variable {RUNS_VARIABLE}",

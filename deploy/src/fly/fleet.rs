@@ -79,7 +79,7 @@ impl Flights {
     /// If something cannot be started; then nothing is left running.
     pub fn begin(plans: Plans, gather_within: Duration, json: bool, interrupts: &Interrupts) -> Result<Self, Error> {
         let Plans { described, out, plans } = plans;
-        let Site { endpoints, file } = prepare_site(&described, &out)?;
+        let Site { endpoints, file, claim: _claim } = prepare_site(&described, &out)?;
         // Of a swarm that flies here already nothing was placed: it is refused before.
         for plan in plans.iter().filter(|plan| !plan.xplanes.is_empty()) {
             let lines = place::before_flight(plan.scenario(), &plan.xplanes, || interrupts.count() > 0);

@@ -17,7 +17,7 @@ use super::plan::Plan;
 use crate::endpoints::{self, Endpoints, EndpointsFile};
 use crate::ports;
 use skein_lab::error::Error;
-use skein_lab::out;
+use skein_lab::out::{self, Claim};
 
 /// A place on this PC for a swarm or a fleet.
 #[derive(Debug)]
@@ -26,6 +26,8 @@ pub struct Site {
     pub endpoints: Endpoints,
     /// The file by which other commands find the endpoints.
     pub file: EndpointsFile,
+    /// Keeps other commands from the folder.
+    pub claim: Claim,
 }
 
 fn failed(what: &str, error: io::Error) -> Error {
@@ -39,14 +41,14 @@ fn failed(what: &str, error: io::Error) -> Error {
 pub fn prepare_site(described: &Described, out: &Path) -> Result<Site, Error> {
     let swarm = &described.first().scenario.swarm.name;
     refuse_a_second(swarm)?;
-    out::create(out)?;
+    let claim = out::claim(out)?;
     let written = fs::write(out.join("scenario.toml"), described.to_toml());
     written.map_err(|error| failed(&out.display().to_string(), error))?;
     let agents = endpoints_of(described).map_err(|error| failed("no free ports", error))?;
     let endpoints = Endpoints { swarm: swarm.clone(), pid: std::process::id(), out: out.to_owned(), agents };
     // Before the agents: an agent that outlives this process can be found.
     let file = endpoints.leave(&endpoints::folder()).map_err(|error| failed("the runtime folder", error))?;
-    Ok(Site { endpoints, file })
+    Ok(Site { endpoints, file, claim })
 }
 
 /// Starts a process for each vehicle of this plan, and one for its simulator where that is a stand-in.

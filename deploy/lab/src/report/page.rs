@@ -86,7 +86,7 @@ impl Page {
     /// A file cannot be written, or a figure cannot be drawn.
     pub fn write(&self, out: &Path) -> Result<(), Error> {
         let failed = |path: &Path, error| Error::Failed(format!("{}: {error}", path.display()));
-        out::create(out)?;
+        let _claim = out::claim(out)?;
         let folder = out.join("figures");
         fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
         let put = |path: PathBuf, text: &str| fs::write(&path, text).map_err(|error| failed(&path, error));

@@ -20,6 +20,7 @@ use std::io::Read;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -36,7 +37,7 @@ use super::{FleetRecording, FleetStudy, Stop, Study, StudyArgs, StudyError};
 use crate::error::Error;
 use crate::external::{self, LawPool, Trial};
 use crate::metrics::{Measured, Report, TRAFFIC_FILE, traffic_csv};
-use crate::out;
+use crate::out::{self, Claim};
 use crate::prepare::prepare;
 use crate::scenario::{Ready, ScenarioArgs};
 
@@ -74,6 +75,8 @@ pub struct Plan {
     /// Whether its runs fly in real time.
     is_live: bool,
     host: Host,
+    /// Keeps other commands from the folder.
+    claim: Option<Arc<Claim>>,
 }
 
 impl Plan {
@@ -106,6 +109,7 @@ impl Plan {
             is_fleet: matches!(described, Described::Fleet(_)),
             is_live: false,
             host,
+            claim: None,
         };
         plan.checked(&described.first().scenario.name, &args.sweep, args.out.as_deref())
     }
@@ -128,6 +132,7 @@ impl Plan {
             is_fleet: false,
             is_live: true,
             host: Host { program, laws: LawPool::default(), stop: Stop::default() },
+            claim: None,
         };
         let plan = plan.checked(&name, &[], out)?;
         // What failed is flown again, and the series is not finished until then. Usually the file is not there.
@@ -149,7 +154,9 @@ impl Plan {
         let fingerprint = self.check()?;
         let study = self.describe(name, sweep, fingerprint)?;
         self.out = self.folder_for(&study, out, name)?;
-        out::create(&self.out)?;
+        self.claim = Some(Arc::new(out::claim(&self.out)?));
+        // Another command may have had it until now.
+        self.folder_for(&study, Some(&self.out), name)?;
         write(&self.out.join("study.json"), &crate::terminal::json(&study))?;
         Ok(self)
     }
