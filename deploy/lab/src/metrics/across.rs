@@ -213,7 +213,8 @@ mod tests {
                     }
                 }
                 let (found_m, _) = across.least().unwrap();
-                assert!((found_m - least_m).abs() < 1e-6, "{found_m} {least_m}");
+                // The map of another origin shows a distance 30 km away as up to three millionths shorter.
+                assert!((found_m - least_m).abs() < 1e-6 + 3e-6 * least_m, "{found_m} {least_m}");
             }
             assert_eq!(across.collisions() > 0, least_m < COLLISION_M);
         }
