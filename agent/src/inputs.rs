@@ -19,7 +19,7 @@ mod tests;
 use ring::digest::{SHA256, digest};
 use serde::{Deserialize, Serialize};
 use skein_common::id::{Incarnation, InvalidFleetVehicle, VehicleName};
-use skein_common::message::EventKind;
+use skein_common::message::{EventKind, Severity};
 use skein_common::scenario::{self, ScenarioError, Source};
 use skein_core::aircraft::{Aircraft, AircraftError};
 use skein_core::control::{FisError, Rules};
@@ -138,18 +138,10 @@ impl Flown {
     }
 }
 
-/// Whether an agent leaves its inputs in a file after this event.
+/// Whether an agent leaves its inputs in a file after this event: after every error but a gap in the own data, which a busy PC
+/// makes often and which is a lost simulator if it lasts.
 pub fn is_fault(event: &EventKind) -> bool {
-    matches!(
-        event,
-        EventKind::Failed(_)
-            | EventKind::SimulatorLost
-            | EventKind::AllPeersLost
-            | EventKind::QuorumLost
-            | EventKind::ControlFault
-            | EventKind::ClockJumped
-            | EventKind::LawLost
-    )
+    event.severity() == Severity::Error && *event != EventKind::OwnDataStale
 }
 
 /// What a file begins with: its kind, and what flies.

@@ -9,6 +9,7 @@ mod clock;
 mod health;
 mod intent;
 mod order;
+mod severity;
 mod simulator;
 mod summary;
 mod trace;
@@ -26,12 +27,13 @@ pub use clock::{ClockAnswer, ClockOffset};
 pub use health::{Drops, Health, PeerHealth, Reason, Refused, Traffic};
 pub use intent::{Area, Intent};
 pub use order::{Order, Signature, StandingOrders, Verb};
+pub use severity::Severity;
 pub use simulator::{ShortText, SimulatorFault, Standstill};
 pub use summary::{PeerContact, Summary};
 pub use trace::{LawNumber, PeerAge, Trace};
 
 /// Version of the messages: the first byte of every message.
-pub const VERSION: u8 = 7;
+pub const VERSION: u8 = 8;
 
 /// Largest index of a mission step.
 pub const MAX_STEP: u32 = 10_000;

@@ -52,7 +52,8 @@ pub enum Activity {
     Joining,
     /// The vehicle climbs to its altitude.
     TakingOff,
-    /// The vehicle flies in formation.
+    /// The phase after take-off: the vehicle flies to its place in the formation, or is there. Whether it is in formation is a
+    /// question of its place, which `in_place_s` of its messages answers.
     Formation,
     /// The vehicle holds position, by order or because no peer, or no quorum, is in contact.
     Holding,

@@ -3,6 +3,7 @@
 
 use skein_common::frame::{Attitude, PositionNed, VelocityNed};
 use skein_common::message::{Failure, Health, PeerContact, Summary, Trace};
+use skein_common::scenario::Setting;
 use skein_common::state::{Activity, Membership};
 
 /// One vehicle at one instant.
@@ -18,6 +19,10 @@ pub struct VehicleSample {
     pub step: u32,
     /// The highest step whose goal the vehicle reached.
     pub reached: Option<u32>,
+    /// Time for which the vehicle has been in formation without interruption, s; `None` while it is not.
+    pub in_place_s: Option<f64>,
+    /// Present values of the keys that operators have set in flight.
+    pub settings: Vec<Setting>,
     /// Number of live members that the agent counts, itself included.
     pub live: u8,
     /// Position in the swarm's frame.
@@ -59,6 +64,8 @@ pub struct ProcessFigures {
     pub frame_overruns: u64,
     /// Number of messages and datagrams that were dropped, since the start.
     pub dropped: u64,
+    /// Number of own messages that were not sent because the network was too slow, since the start.
+    pub unsent: u64,
 }
 
 impl From<&Health> for ProcessFigures {
@@ -69,6 +76,7 @@ impl From<&Health> for ProcessFigures {
             step_p99_us: health.step_p99_us,
             frame_overruns: health.frame_overruns,
             dropped: health.drops.total(),
+            unsent: health.unsent,
         }
     }
 }
@@ -82,6 +90,8 @@ impl VehicleSample {
             membership: trace.membership,
             step: trace.step,
             reached: trace.reached,
+            in_place_s: trace.in_place_s,
+            settings: trace.settings.clone(),
             live: trace.live,
             position: trace.position,
             velocity: trace.velocity,
@@ -106,6 +116,8 @@ impl VehicleSample {
             membership: summary.membership,
             step: summary.step,
             reached: summary.reached,
+            in_place_s: summary.in_place_s,
+            settings: summary.settings.clone(),
             live: summary.live,
             position: summary.position?,
             velocity: summary.velocity,
@@ -122,6 +134,7 @@ impl VehicleSample {
                 step_p99_us: summary.step_p99_us,
                 frame_overruns: summary.frame_overruns,
                 dropped: summary.dropped,
+                unsent: summary.unsent,
             }),
             failures: summary.failures.clone(),
             peers: summary.peers.clone(),

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Drops, EventKind, Failure, Order, SimulatorFault, StandingOrders, Standstill};
-use skein_common::scenario::{Scenario, TunableKey};
+use skein_common::scenario::{Scenario, Setting, TunableKey};
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{Now, PlantTime};
 
@@ -131,6 +131,8 @@ struct LastStep {
     plant_time: Option<PlantTime>,
     estimate: Option<Estimate>,
     output: Option<FormationOutput>,
+    /// Time for which the vehicle has been in formation without interruption, s.
+    in_place_s: Option<f64>,
     command: Option<Command>,
 }
 
@@ -179,6 +181,7 @@ impl Agent {
                 plant_time: None,
                 estimate: None,
                 output: None,
+                in_place_s: None,
                 command: None,
             },
         })
@@ -241,6 +244,19 @@ impl Agent {
     /// What the vehicle is doing.
     pub fn activity(&self) -> Activity {
         self.last.activity
+    }
+
+    /// Time for which the vehicle has been in formation without interruption, s; `None` while it is not.
+    ///
+    /// In formation is a vehicle in the phase [`Activity::Formation`] that is in place ([`FormationOutput::in_place`]): where its
+    /// law wants it, at its altitude and slow. This is the one definition for all displays.
+    pub fn in_place_s(&self) -> Option<f64> {
+        self.last.in_place_s
+    }
+
+    /// The present values of the keys that operators have set in flight.
+    pub fn settings(&self) -> &[Setting] {
+        self.tuning.present()
     }
 
     /// The current step of the mission, counted from 0.
@@ -484,11 +500,15 @@ impl Agent {
     ) -> Option<FormationOutput> {
         self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
+        let was_in_place_s = self.last.in_place_s.take();
         let strangers_reach_m = self.formation.strangers_reach_m(task);
         self.formation.set_strangers(self.strangers.near(estimate.position, strangers_reach_m));
         let reach_m = self.formation.reach_m(task, self.peers.members().len() + 1);
         let others = self.peers.near(estimate.position, reach_m);
         self.last.output = self.formation.step(own.dt_s, estimate, others, task, workspace);
+        let flies = self.mission.activity() == Activity::Formation;
+        let is_in_place = flies && self.last.output.is_some_and(|output| output.in_place);
+        self.last.in_place_s = is_in_place.then(|| was_in_place_s.map_or(0.0, |before_s| before_s + own.dt_s));
         self.last.output
     }
 
@@ -590,6 +610,8 @@ impl Agent {
         self.last.membership = membership;
         self.last.is_released = is_released;
         self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };
+        // A vehicle that does not know where it is does not know that it is in its place.
+        self.last.in_place_s = self.last.in_place_s.filter(|_| self.last.activity == Activity::Formation);
     }
 }
 

@@ -70,9 +70,14 @@ impl Tuning {
         tuned.advance(written, dt_s).then(|| written.with_settings(&tuned.present))
     }
 
+    /// The present values of all keys that were ever set.
+    pub fn present(&self) -> &[Setting] {
+        self.tuned.as_ref().map_or(&[], |tuned| &tuned.present)
+    }
+
     /// The present value of a key; `None` before a setting of it has begun.
     pub fn value(&self, key: TunableKey) -> Option<f64> {
-        self.tuned.as_ref()?.present.iter().find(|present| present.key == key).map(|present| present.value)
+        self.present().iter().find(|present| present.key == key).map(|present| present.value)
     }
 }
 

@@ -272,6 +272,8 @@ mod tests {
             live: 1,
             step: 0,
             reached: None,
+            in_place_s: None,
+            settings: Vec::new(),
             centre_ne_m: [0.0; 2],
             estimate: Default::default(),
             position: Default::default(),

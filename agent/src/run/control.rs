@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Drops, Event, Header, Health, PeerHealth, Reason, Refused, Summary, Trace, Traffic};
+use skein_common::message::{
+    Drops, Event, EventKind, Header, Health, PeerHealth, Reason, Refused, Severity, Summary, Trace, Traffic,
+};
 use skein_common::state::Activity;
 use skein_common::time::LocalTime;
 use skein_common::topic::Cell;
@@ -75,6 +77,8 @@ pub(super) struct LoopState {
     workspace: Workspace,
     events: u64,
     healths: u64,
+    /// Health messages that were dropped because the publishing thread still had the previous one.
+    unsent_healths: u64,
     summaries: u64,
     /// When the next summary is due.
     next_summary: LocalTime,
@@ -93,6 +97,7 @@ impl LoopState {
             workspace: Workspace::default(),
             events: 0,
             healths: 0,
+            unsent_healths: 0,
             summaries: 0,
             next_summary: LocalTime::ZERO,
             last_second: TimingSummary::default(),
@@ -142,7 +147,7 @@ impl Control {
         let outputs = self.step(kept);
         if let Some(health) = self.report(frame, outputs, (woken, now()), kept) {
             // If the publishing thread still has the previous one, this one is dropped.
-            let _ = self.health.try_send(health);
+            kept.unsent_healths += u64::from(self.health.try_send(health).is_err());
             // The service manager watches this thread alone: an agent whose messages do not leave flies on.
             unix::notify_service_manager("WATCHDOG=1");
         }
@@ -240,7 +245,7 @@ impl Control {
         let cells = position.and_then(|position| self.cells_around(position));
         let event = |what| {
             kept.events += 1;
-            tracing::info!("vehicle {} {what}", self.own);
+            log(self.own, &what);
             Event { header: self.header(now, kept.events), what }
         };
         let events: Vec<Event> = happened.into_iter().map(event).collect();
@@ -289,6 +294,7 @@ impl Control {
             step_p99_us,
             frame_overruns: kept.timing.overruns(),
             dropped: self.drops().total(),
+            unsent: self.unsent(kept),
             ..self.station.summary(true_time, kept.inputs.plant_time, header)
         })
     }
@@ -309,6 +315,7 @@ impl Control {
             header: self.header(now, kept.healths),
             uptime_s,
             activity: agent.activity(),
+            in_place_s: agent.in_place_s(),
             plant: self.plant_name.to_owned(),
             version: self.release.clone(),
             failures: agent.failures(),
@@ -319,6 +326,7 @@ impl Control {
             step_p99_us,
             frame_overruns: kept.timing.overruns(),
             drops: self.drops(),
+            unsent: self.unsent(kept),
             refused: agent.old_messages().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
             state_bytes,
@@ -347,6 +355,11 @@ impl Control {
         }
     }
 
+    /// Own messages that were not sent so far.
+    fn unsent(&self, kept: &LoopState) -> u64 {
+        self.link.unsent() + kept.unsent_healths
+    }
+
     fn header(&self, now: LocalTime, sequence: u64) -> Header {
         Header { sender: self.own, incarnation: self.incarnation, sequence, stamp: now.into() }
     }
@@ -361,5 +374,14 @@ impl Control {
         self.stop.is_urgent()
             || self.stop.is_requested() && (is_down || has_pilot || !is_flying)
             || self.stop.is_abandoned() && is_down
+    }
+}
+
+/// Writes an event of the own vehicle to the log, at the level of its severity.
+fn log(own: VehicleId, what: &EventKind) {
+    match what.severity() {
+        Severity::Info => tracing::info!("vehicle {own} {what}"),
+        Severity::Warning => tracing::warn!("vehicle {own} {what}"),
+        Severity::Error => tracing::error!("vehicle {own} {what}"),
     }
 }

@@ -17,6 +17,9 @@ pub struct Health {
     pub uptime_s: f64,
     /// The vehicle's activity.
     pub activity: Activity,
+    /// Time for which the vehicle has been in formation without interruption, s: at its altitude, and where the law wants it.
+    /// `None` while it is not in formation.
+    pub in_place_s: Option<f64>,
     /// The plant: the built-in flight model or an X-Plane.
     pub plant: String,
     /// The release that was installed, or else the agent's version.
@@ -37,6 +40,9 @@ pub struct Health {
     pub frame_overruns: u64,
     /// Data that the agent dropped, by reason, since the start.
     pub drops: Drops,
+    /// Own messages that the agent did not send because the network was too slow, since the start: events, traces and health
+    /// reports. A waiting state, heartbeat or summary is replaced by a newer one and does not count.
+    pub unsent: u64,
     /// Messages and links that the agent refused, the latest kinds first, at most [`Refused::MAX_COUNT`].
     pub refused: Vec<Refused>,
     /// Number of state messages sent, since the start.
@@ -202,7 +208,7 @@ impl PeerHealth {
 
 message!(Health, 16 * 1024, |health| Author::Vehicle(health.header.sender), |health| {
     let numbers = [health.uptime_s, health.frame_rate_hz, health.jitter_ms, health.step_p50_us, health.step_p99_us];
-    numbers.iter().all(|number| number.is_finite())
+    numbers.iter().chain(&health.in_place_s).all(|number| number.is_finite())
         && health.plant.len() <= 64
         && health.version.len() <= Health::MAX_VERSION
         && health.failures.len() <= Failure::KINDS

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Encoding, Failure, Header, MAX_STEP, Message};
 use crate::frame::{Attitude, PositionNed, VelocityNed};
 use crate::id::VehicleId;
+use crate::scenario::{Setting, TunableKey};
 use crate::state::{Activity, Membership, PeerStatus, VehicleState};
 use crate::time::PlantTime;
 use crate::topic::{Author, Topic};
@@ -28,6 +29,13 @@ pub struct Summary {
     pub step: u32,
     /// The highest step whose goal the vehicle reached in this incarnation; null before the first.
     pub reached: Option<u32>,
+    /// Time for which the vehicle has been in formation without interruption, s: at its altitude, and where the law wants it.
+    /// Null while it is not in formation.
+    #[serde(default)]
+    pub in_place_s: Option<f64>,
+    /// Present values of the keys that operators have set in flight.
+    #[serde(default)]
+    pub settings: Vec<Setting>,
     /// Number of live members that the agent counts, itself included.
     pub live: u8,
     /// Estimated position, north, east and down from the swarm's origin, m; null before the first estimate.
@@ -63,6 +71,9 @@ pub struct Summary {
     pub frame_overruns: u64,
     /// Number of messages, links and datagrams that the agent refused or dropped, for any reason, since the start.
     pub dropped: u64,
+    /// Number of own messages that the agent did not send because the network was too slow, since the start.
+    #[serde(default)]
+    pub unsent: u64,
     /// Failures that the agent detected of its own vehicle.
     pub failures: Vec<Failure>,
     /// Every peer of which a message ever arrived.
@@ -116,9 +127,15 @@ impl Summary {
                 .chain(self.field_ne.iter_mut().chain(&mut self.error_ne_m).flatten())
                 .chain(self.controls.iter_mut().flatten())
                 .chain(
-                    [&mut self.flown_s, &mut self.altitude_setpoint_m, &mut self.power_w, &mut self.energy_left]
-                        .into_iter()
-                        .flatten(),
+                    [
+                        &mut self.flown_s,
+                        &mut self.in_place_s,
+                        &mut self.altitude_setpoint_m,
+                        &mut self.power_w,
+                        &mut self.energy_left,
+                    ]
+                    .into_iter()
+                    .flatten(),
                 );
         numbers.for_each(|number| *number = (*number * 1e3).round() / 1e3);
         self
@@ -132,17 +149,21 @@ impl Message for Summary {
     fn is_plausible(&self) -> bool {
         let Self { position, velocity, attitude, .. } = self;
         let pairs = self.field_ne.iter().chain(&self.error_ne_m).chain([&self.centre_ne_m]).flatten();
-        let options =
-            self.flown_s.iter().chain(&self.altitude_setpoint_m).chain(&self.power_w).chain(&self.energy_left);
+        let options = [self.flown_s, self.in_place_s, self.altitude_setpoint_m, self.power_w, self.energy_left];
         let timing = [self.frame_rate_hz, self.jitter_ms, self.step_p99_us];
         position.is_none_or(|position| position.is_finite() && position.0.norm() < MAX_DISTANCE_M)
             && velocity.is_finite()
             && velocity.0.norm() <= VehicleState::MAX_SPEED_M_S
             && attitude.is_finite()
-            && pairs.chain(options).chain(self.controls.iter().flatten()).all(|number| number.is_finite())
+            && pairs
+                .chain(options.iter().flatten())
+                .chain(self.controls.iter().flatten())
+                .all(|number| number.is_finite())
             && timing.iter().all(|number| number.is_finite() && *number >= 0.0)
             && self.step <= MAX_STEP
             && self.reached.is_none_or(|reached| reached <= MAX_STEP)
+            && self.settings.len() <= TunableKey::ALL.len()
+            && self.settings.iter().all(Setting::is_in_range)
             && self.failures.len() <= Failure::KINDS
             && self.peers.len() <= usize::from(VehicleId::MAX)
     }
@@ -179,6 +200,8 @@ mod tests {
             membership: Membership::Active,
             step: 1,
             reached: Some(0),
+            in_place_s: Some(8.5),
+            settings: vec![Setting { key: TunableKey::Radius, value: 80.0 }],
             live: 4,
             position: Some(PositionNed::new(99.5, -1.25, -30.0)),
             velocity: VelocityNed::new(0.1, 0.0, -0.2),
@@ -195,17 +218,18 @@ mod tests {
             step_p99_us: 24.0,
             frame_overruns: 0,
             dropped: 2,
+            unsent: 1,
             failures: vec![Failure::Engine],
             peers: VehicleId::first(peers.into()).map(contact).collect(),
         }
     }
 
     /// What a program in another language reads.
-    const GOLDEN: &str = r#"{"version":7,"header":{"sender":3,"incarnation":1000000,"sequence":42,"stamp":1500000000},"plant_time":2000000000,"flown_s":12.34,"activity":"Formation","membership":"Active","step":1,"reached":0,"live":4,"position":[99.5,-1.25,-30.0],"velocity":[0.1,0.0,-0.2],"attitude":{"roll_rad":0.01,"pitch_rad":-0.02,"heading_rad":1.5},"centre_ne_m":[0.0,0.5],"altitude_setpoint_m":30.0,"field_ne":[0.1,-0.1],"error_ne_m":[1.5,0.0],"controls":[0.0,0.1,-0.1,0.5],"power_w":null,"energy_left":0.75,"frame_rate_hz":50.0,"jitter_ms":0.2,"step_p99_us":24.0,"frame_overruns":0,"dropped":2,"failures":["Engine"],"peers":[[1,85,"Fresh"],[2,85,"Fresh"]]}"#;
+    const GOLDEN: &str = r#"{"version":8,"header":{"sender":3,"incarnation":1000000,"sequence":42,"stamp":1500000000},"plant_time":2000000000,"flown_s":12.34,"activity":"Formation","membership":"Active","step":1,"reached":0,"in_place_s":8.5,"settings":[{"key":"formation.radius_m","value":80.0}],"live":4,"position":[99.5,-1.25,-30.0],"velocity":[0.1,0.0,-0.2],"attitude":{"roll_rad":0.01,"pitch_rad":-0.02,"heading_rad":1.5},"centre_ne_m":[0.0,0.5],"altitude_setpoint_m":30.0,"field_ne":[0.1,-0.1],"error_ne_m":[1.5,0.0],"controls":[0.0,0.1,-0.1,0.5],"power_w":null,"energy_left":0.75,"frame_rate_hz":50.0,"jitter_ms":0.2,"step_p99_us":24.0,"frame_overruns":0,"dropped":2,"unsent":1,"failures":["Engine"],"peers":[[1,85,"Fresh"],[2,85,"Fresh"]]}"#;
 
     #[test]
     fn a_summary_is_the_golden_json() {
-        assert_eq!(VERSION, 7, "a new version needs a new golden text");
+        assert_eq!(VERSION, 8, "a new version needs a new golden text");
         assert_eq!(String::from_utf8(encode(&summary(2))).unwrap(), GOLDEN);
         assert_eq!(encoded_len(&summary(2)), GOLDEN.len());
         assert_eq!(decode(GOLDEN.as_bytes()), Ok(summary(2)));
@@ -270,7 +294,7 @@ mod tests {
             assert!(GOLDEN.contains(from), "{from}");
             decode::<Summary>(GOLDEN.replacen(from, to, 1).as_bytes()).unwrap_err()
         };
-        assert_eq!(refused(r#""version":7"#, r#""version":6"#), DecodeError::Version(6));
+        assert_eq!(refused(r#""version":8"#, r#""version":7"#), DecodeError::Version(7));
         assert_eq!(refused("[99.5,-1.25,-30.0]", "[1e9,0,0]"), DecodeError::Implausible);
         assert_eq!(refused("[0.1,0.0,-0.2]", "[1e5,0,0]"), DecodeError::Implausible);
         assert_eq!(refused(r#""step":1"#, r#""step":10001"#), DecodeError::Implausible);

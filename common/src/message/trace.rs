@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{Header, Message, message};
 use crate::frame::{Attitude, PositionNed, VelocityNed};
 use crate::id::VehicleId;
+use crate::scenario::{Setting, TunableKey};
 use crate::state::{Activity, Membership, PeerStatus};
 use crate::time::PlantTime;
 use crate::topic::{Author, Topic};
@@ -29,6 +30,13 @@ pub struct Trace {
     pub step: u32,
     /// The highest step whose goal the vehicle reached in this incarnation; null before the first.
     pub reached: Option<u32>,
+    /// Time for which the vehicle has been in formation without interruption, s: at its altitude, and where the law wants it;
+    /// null while it is not in formation, and from releases that did not record it.
+    #[serde(default)]
+    pub in_place_s: Option<f64>,
+    /// Present values of the keys that operators have set in flight.
+    #[serde(default)]
+    pub settings: Vec<Setting>,
     /// The agent's estimate of the formation's centre, north and east, m.
     pub centre_ne_m: [f64; 2],
     /// Estimated own position, north, east and down, m.
@@ -123,7 +131,7 @@ impl PeerAge {
 
 message!(Trace, 16 * 1024, |trace| Author::Vehicle(trace.header.sender), |trace| {
     let pairs = trace.field_ne.iter().chain(&trace.error_ne_m).chain(&trace.centre_ne_m);
-    let options = trace.power_w.iter().chain(&trace.step_us);
+    let options = trace.power_w.iter().chain(&trace.step_us).chain(&trace.in_place_s);
     trace.estimate.is_finite()
         && trace.position.is_finite()
         && trace.velocity.is_finite()
@@ -131,6 +139,8 @@ message!(Trace, 16 * 1024, |trace| Author::Vehicle(trace.header.sender), |trace|
         && trace.height_m.is_finite()
         && trace.altitude_setpoint_m.is_finite()
         && pairs.chain(options).chain(trace.controls.iter().flatten()).all(|number| number.is_finite())
+        && trace.settings.len() <= TunableKey::ALL.len()
+        && trace.settings.iter().all(Setting::is_in_range)
         && trace.peers.iter().all(PeerAge::is_plausible)
         && trace.law_log.len() <= LawNumber::MAX_COUNT
         && trace.law_log.iter().all(LawNumber::is_plausible)

@@ -3,10 +3,11 @@
 //! A key is here if a vehicle can follow its change without a jump. Every agent moves the value from the present one to the
 //! ordered one at a bounded rate.
 
+use std::borrow::Cow;
 use std::str::FromStr;
 
 use super::keys::{self, Kind, Range};
-use super::model::{EventAction, Scenario, ScriptedEvent, ScriptedOrder, ScriptedVerb, Setting, TunableKey};
+use super::model::{EventAction, Formation, Scenario, ScriptedEvent, ScriptedOrder, ScriptedVerb, Setting, TunableKey};
 
 impl TunableKey {
     /// Range of the value.
@@ -89,6 +90,19 @@ impl Scenario {
             }
         }
         tuned
+    }
+
+    /// The formation of this step of the mission, counted from 0, with these values, as [`Self::with_settings`] gives it; `None`
+    /// if the mission has no such step.
+    pub fn formation_with(&self, step: u32, settings: &[Setting]) -> Option<Cow<'_, Formation>> {
+        let written = &self.mission.steps.get(usize::try_from(step).ok()?)?.formation;
+        let mut formation = Cow::Borrowed(written);
+        for &Setting { key, value } in settings {
+            if key.value(written) == key.value(&self.formation) {
+                *key.field(formation.to_mut()) = value;
+            }
+        }
+        Some(formation)
     }
 
     /// The settings that the scenario's events order, each with the index of its event, in the order of their times.
@@ -201,6 +215,16 @@ mod tests {
             (tuned.mission.steps[step].formation.radius_m, tuned.mission.steps[step].formation.altitude_m)
         };
         assert_eq!((of(0), of(1), tuned.formation.radius_m), ((80.0, 40.0), (50.0, 40.0), 80.0));
+        let settings = [set("formation.radius_m=80"), set("formation.altitude_m=40")];
+        for (step, flown) in tuned.mission.steps.iter().enumerate() {
+            let written = scenario(steps);
+            assert_eq!(written.formation_with(step as u32, &settings).as_deref(), Some(&flown.formation));
+            assert_eq!(
+                written.formation_with(step as u32, &[]).as_deref(),
+                Some(&written.mission.steps[step].formation)
+            );
+        }
+        assert_eq!(scenario(steps).formation_with(2, &[]), None);
     }
 
     #[test]

@@ -10,6 +10,8 @@
 //!   to the end of the window, in the formation of each vehicle's own step. A condition that never settles gives
 //!   `null`, and its key is in `never`. In a mission of more than one place it only gives `null`, because there the
 //!   swarm has to move on.
+//! * Values that an operator sets in flight count from the time at which they take effect: the figures are those of the formation
+//!   as each vehicle flies it.
 //! * **Steady** figures use the last [`STEADY_S`] of the window and are `null` in a shorter one. Figures of the network
 //!   (`union`, `connectivity`, `connected_share`) use all of it.
 //! * Separations, collisions, crashes, tilt, and who is a member, in contact or at which step are observed at every step of the
@@ -42,7 +44,7 @@
 //!   has not left, and has no cut link with the receiver in either direction; the 2 s after a restart or a healed cut
 //!   are left out. `response_s` is the time from a vehicle's own failure until that vehicle reports one.
 //! * `transient_s` (of evenly spread formations) is the time from a change of the live members, or from a healed cut,
-//!   until all are in the band and even to 10°, and stay so until the next change, cut or step. A formation that has
+//!   until all are in formation, at their altitude, in the band and even to 10°, and stay so until the next change, cut or step. A formation that has
 //!   not settled when the swarm moves on may settle at the next place. A formation that had more than 120 s and did not
 //!   settle counts as never settled; with less time it does not count.
 //! * A **crash** is a vehicle that was in the air and touches the ground too fast, too far from upright, or without an
@@ -73,13 +75,14 @@ mod transient;
 mod vehicle;
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use nalgebra::Vector2;
 use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::math;
 use skein_common::message::EventKind;
-use skein_common::scenario::{self, ControlMode, Law, Pattern, Scenario, Target, Vertical};
+use skein_common::scenario::{self, ControlMode, Law, Pattern, Scenario, Setting, Target, Vertical};
 
 use crate::faults::InjectedFault;
 use ages::AgeSampling;
@@ -113,8 +116,8 @@ pub const COLLISION_M: f64 = 2.0;
 /// Least time between two observations of the formation, s: half a frame of 50 Hz less than 0.1 s, so that it is observed ten
 /// times a second.
 const FORMATION_PERIOD_S: f64 = 0.09;
-/// Share of the altitude at which a vehicle is "at altitude".
-const AT_ALTITUDE_SHARE: f64 = 0.9;
+/// Error of the altitude, as a share of it, within which a vehicle is at its altitude.
+const ALTITUDE_TOLERANCE: f64 = 0.1;
 
 /// Measures a run while it flies.
 #[derive(Debug)]
@@ -130,6 +133,10 @@ pub struct Metrics {
     has_altitude: bool,
     /// The formation in each step of the mission.
     shapes: Vec<Shape>,
+    /// The scenario as written, without the parts on which no formation depends.
+    written: Box<Scenario>,
+    /// The formations of the vehicles that fly values which an operator has set, by their places in the order of ids.
+    tuned: Vec<Option<Tuned>>,
     /// Number of mission steps that are not a landing.
     places: usize,
     t_s: f64,
@@ -166,6 +173,13 @@ pub struct Metrics {
     /// Bearings of the members from their centres, if the formation is round, rad.
     bearings: Vec<f64>,
     totals: Totals,
+}
+
+/// The formations of a vehicle that flies values which an operator has set.
+#[derive(Clone, Debug)]
+struct Tuned {
+    settings: Vec<Setting>,
+    shapes: Arc<[Shape]>,
 }
 
 /// Counters of all agents together since the start.
@@ -205,6 +219,8 @@ impl Metrics {
             has_altitude: vertical == Vertical::Bands,
             is_round: !law.is_flock() && is_radial && vertical == Vertical::Bands,
             shapes: steps.iter().map(Shape::new).collect(),
+            written: Box::new(without_vehicles(scenario)),
+            tuned: Vec::new(),
             places: steps.iter().filter(|step| !matches!(step.target, Target::Land(_))).count(),
             t_s: 0.0,
             next_formation_s: 0.0,
@@ -315,6 +331,26 @@ impl Metrics {
         self.steps_us.add(step_us);
     }
 
+    /// Takes the present values of the keys that operators have set in flight, as this vehicle flies them. From then on the
+    /// figures are those of the formation with these values.
+    pub fn set_values(&mut self, id: VehicleId, settings: &[Setting]) {
+        let nth = index(id);
+        let known = self.tuned.get(nth).and_then(Option::as_ref);
+        if known.map_or(&[][..], |known| known.settings.as_slice()) == settings {
+            return;
+        }
+        if self.tuned.len() <= nth {
+            self.tuned.resize(nth + 1, None);
+        }
+        // Vehicles that know the same settings fly the same formation.
+        let same = self.tuned.iter().flatten().find(|other| other.settings == settings).cloned();
+        self.tuned[nth] = same.or_else(|| {
+            let tuned = (!settings.is_empty()).then(|| self.written.with_settings(settings))?;
+            let shapes = tuned.mission.steps.iter().map(Shape::new).collect();
+            Some(Tuned { settings: settings.to_vec(), shapes })
+        });
+    }
+
     /// Replaces the totals over all vehicles since the start.
     pub fn set_totals(&mut self, totals: Totals) {
         self.totals = totals;
@@ -352,15 +388,18 @@ impl Metrics {
         let mut sums = MemberSums::default();
         self.bearings.clear();
         for (rank, member) in members().enumerate() {
-            let Some(shape) = self.shapes.get(member.step as usize) else { continue };
+            let tuned = self.tuned.get(index(member.id)).and_then(Option::as_ref);
+            let shapes = tuned.map_or(self.shapes.as_slice(), |tuned| &tuned.shapes);
+            let Some(shape) = shapes.get(member.step as usize) else { continue };
             let centre = PositionNed::new(member.centre_ne_m.x, member.centre_ne_m.y, -shape.altitude_m);
             let from_centre_m = member.truth.position - centre;
             let from_centre_ne_m = from_centre_m.xy();
             let (rho_m, is_inside) = shape.level_and_inside(from_centre_m);
             let altitude_m = member.truth.position.altitude_m();
             let target_altitude_m = shape.altitude_m(rank as f64 - middle_rank);
-            high &=
-                target_altitude_m.is_some_and(|target_altitude_m| altitude_m >= AT_ALTITUDE_SHARE * target_altitude_m);
+            high &= target_altitude_m.is_some_and(|target_altitude_m| {
+                (altitude_m - target_altitude_m).abs() <= ALTITUDE_TOLERANCE * target_altitude_m
+            });
             inside &= is_inside;
             sum_ne_m += from_centre_ne_m;
             if self.is_round {
@@ -395,7 +434,9 @@ impl Metrics {
         // A single vehicle has no gaps.
         let is_even = deviation_deg.is_none_or(|deviation_deg| deviation_deg < 10.0);
         let (members, is_split) = (self.membership.members(), self.membership.is_split());
-        self.transients.observe(t_s, members, is_split, step, inside && is_even);
+        // On an ellipsoid any altitude is one of the formation's.
+        let is_high = high || !self.has_altitude;
+        self.transients.observe(t_s, members, is_split, step, is_high && inside && is_even);
     }
 
     /// Updates the largest tilt.
@@ -427,6 +468,13 @@ impl Metrics {
         let has_path = self.shapes.iter().any(|shape| shape.path_ends.is_some());
         self.separations.observe(vehicles, !self.is_flock || !has_path || self.following.has_begun);
     }
+}
+
+/// The scenario without the parts on which no formation depends.
+fn without_vehicles(scenario: &Scenario) -> Scenario {
+    let mut written = scenario.clone();
+    (written.vehicle, written.mission.events) = (Vec::new(), Vec::new());
+    written
 }
 
 /// Index of the vehicle in tables in the order of ids.

@@ -146,6 +146,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             vehicles.push(VehicleNow::dead(id, *truth));
             continue;
         };
+        metrics.set_values(id, agent.settings());
         agent.peer_ages(sampled).for_each(|peer| metrics.observe_age(peer.age_s));
         vehicles.push(VehicleNow {
             id,

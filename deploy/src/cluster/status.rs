@@ -124,6 +124,8 @@ pub struct HealthReport {
     pub plant: String,
     /// Its present activity.
     pub phase: String,
+    /// Time for which it has been in formation without interruption, s; `None` while it is not.
+    pub in_place_s: Option<f64>,
     /// Frame rate of its simulator, Hz.
     pub frame_rate_hz: f64,
     /// Largest distance between two frames beyond their period over the last second, ms.
@@ -154,6 +156,8 @@ pub struct HealthReport {
     pub received_per_s: f64,
     /// Bytes that it publishes and receives, a second, on average since its start.
     pub bytes_per_s: [f64; 2],
+    /// Number of own messages that it did not send because the network was too slow, since its start.
+    pub unsent: u64,
     /// Number of messages that it has rejected since its start.
     pub refused: u64,
     /// The latest kinds of rejected messages.
@@ -222,6 +226,7 @@ impl HealthReport {
             version: printable(&health.version, Health::MAX_VERSION),
             plant: printable(&health.plant, Health::MAX_VERSION),
             phase: health.activity.to_string(),
+            in_place_s: health.in_place_s,
             frame_rate_hz: health.frame_rate_hz,
             jitter_ms: health.jitter_ms,
             peers_seen: received.clone().count(),
@@ -237,6 +242,7 @@ impl HealthReport {
             sent_per_s: per_s(health.sent.messages),
             received_per_s: per_s(health.received.messages),
             bytes_per_s: [per_s(health.sent.bytes), per_s(health.received.bytes)],
+            unsent: health.unsent,
             refused: health.drops.refused(),
             refusals: health
                 .refused

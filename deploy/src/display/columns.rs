@@ -16,7 +16,7 @@ pub struct Column {
     pub cell: fn(&Row) -> String,
 }
 
-const PHASE: &str = "what the vehicle does; a red row: silent (no message for 1 s), blind or no frames (no data from its simulator), killed, lost";
+const PHASE: &str = "what the vehicle does: formation (at its altitude and in its place), under way (not there); a red row: silent (no message for 1 s), blind or no frames (no data from its simulator), killed, lost";
 const STEP: &str = "step of the mission, counted from 0";
 const ALTITUDE: &str = "altitude above the origin, m";
 const CENTRE: &str = "distance from the formation's centre, along the ellipse (ρ), m";
@@ -33,7 +33,7 @@ pub const NARROW: [Column; 11] = [
         about: "number of the vehicle; in a fleet with its team, or of a team",
         cell: |row| row.name.clone(),
     },
-    Column { title: "phase", width: 11, about: PHASE, cell: |row| row.phase.clone() },
+    Column { title: "phase", width: 11, about: PHASE, cell: |row| row.shown_phase().to_owned() },
     Column { title: "step", width: 4, about: STEP, cell: |row| optional(row.step) },
     Column { title: "alt m", width: 5, about: ALTITUDE, cell: |row| number(row.altitude_m, 1) },
     Column { title: "ρ m", width: 5, about: CENTRE, cell: |row| number(row.from_centre_m, 1) },
@@ -63,7 +63,7 @@ pub const WIDE: [Column; 13] = [
         about: "its number; in a fleet with its team, or the number of a team",
         cell: |row| row.name.clone(),
     },
-    Column { title: "phase", width: 11, about: PHASE, cell: |row| row.phase.clone() },
+    Column { title: "phase", width: 11, about: PHASE, cell: |row| row.shown_phase().to_owned() },
     Column { title: "step", width: 4, about: STEP, cell: |row| optional(row.step) },
     Column { title: "altitude m", width: 10, about: ALTITUDE, cell: |row| number(row.altitude_m, 1) },
     Column { title: "centre m", width: 8, about: CENTRE, cell: |row| number(row.from_centre_m, 1) },

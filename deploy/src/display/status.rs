@@ -10,7 +10,7 @@ use skein_common::id::{TeamId, VehicleId};
 use skein_common::math;
 use skein_common::scenario::{Pattern, Scenario, Vertical};
 use skein_common::state::{Activity, Membership, PeerStatus};
-use skein_core::formation::ring::Ring;
+use skein_core::formation;
 
 use crate::observe::VehicleView;
 use crate::sample::VehicleSample;
@@ -112,17 +112,23 @@ impl Overview<'_> {
     /// How many vehicles are in formation, and what the others do: `14/16 in formation, 2 silent`.
     pub fn phases(&self) -> String {
         let mut others: BTreeMap<&str, usize> = BTreeMap::new();
-        self.rows.iter().for_each(|row| *others.entry(&row.phase).or_default() += 1);
+        self.rows.iter().for_each(|row| *others.entry(row.doing()).or_default() += 1);
         let all = self.rows.len();
-        let in_formation = others.remove(Activity::Formation.to_string().as_str());
+        let in_formation = others.remove(IN_FORMATION);
         let first = match (in_formation, others.first_key_value()) {
-            // All vehicles are in the same phase.
-            (None, Some((phase, count))) if *count == all => return format!("{all}/{all} {phase}"),
-            (in_formation, _) => format!("{}/{all} in formation", in_formation.unwrap_or(0)),
+            // All vehicles do the same.
+            (None, Some((doing, count))) if *count == all => return format!("{all}/{all} {doing}"),
+            (in_formation, _) => format!("{}/{all} {IN_FORMATION}", in_formation.unwrap_or(0)),
         };
-        others.iter().fold(first, |messages, (phase, count)| format!("{messages}, {count} {phase}"))
+        others.iter().fold(first, |messages, (doing, count)| format!("{messages}, {count} {doing}"))
     }
 }
+
+/// The phase [`Activity::Formation`].
+const FORMATION: &str = "formation";
+/// What is shown of a vehicle in the phase formation that is in its place, and of one that is not.
+const IN_FORMATION: &str = "in formation";
+const UNDER_WAY: &str = "under way";
 
 /// A fleet with more vehicles is shown with one row for each team.
 const MAX_ROWS: usize = 16;
@@ -163,6 +169,11 @@ pub fn of_fleet(mut teams: Vec<FlightStatus>, out: String) -> FlightStatus {
 /// Columns of the time in front of an event.
 pub const EVENT_TIME: usize = 10;
 
+/// A phase as a column of a table shows it: `formation` only of a vehicle in its place, else `under way`.
+pub fn shown_phase(phase: &str, in_place_s: Option<f64>) -> &str {
+    if phase == FORMATION && in_place_s.is_none() { UNDER_WAY } else { phase }
+}
+
 impl FlightStatus {
     /// The whole swarm as one row.
     fn as_row(&self, name: String) -> Row {
@@ -172,16 +183,22 @@ impl FlightStatus {
         let mean =
             |of| Some(values(of)).filter(|all| !all.is_empty()).map(|all| all.iter().sum::<f64>() / all.len() as f64);
         let all = self.rows.len();
-        let count = |phase: &str| self.rows.iter().filter(|row| row.phase == phase).count();
+        let count = |doing: &str| self.rows.iter().filter(|row| row.doing() == doing).count();
         // What most of its vehicles do.
-        let phase = self.rows.iter().map(|row| row.phase.as_str()).max_by_key(|phase| count(phase)).unwrap_or_default();
+        let doing = self.rows.iter().map(Row::doing).max_by_key(|doing| count(doing)).unwrap_or_default();
+        let shared = self.rows.first().map(|row| row.phase.clone());
+        let placed: Option<Vec<f64>> = self.rows.iter().map(|row| row.in_place_s).collect();
         let gap =
             self.rows.iter().filter_map(|row| row.gap_deg).max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
         let counted =
             self.rows.iter().filter_map(|row| row.late_dropped).reduce(|sum, row| (sum.0 + row.0, sum.1 + row.1));
         Row {
             name,
-            phase: if count(phase) == all { phase.to_owned() } else { format!("{}/{all} {phase}", count(phase)) },
+            phase: match shared.filter(|_| count(doing) == all) {
+                Some(phase) => phase,
+                None => format!("{}/{all} {doing}", count(doing)),
+            },
+            in_place_s: placed.and_then(|placed| placed.into_iter().reduce(f64::min)),
             bad: self.rows.iter().any(|row| row.bad),
             altitude_m: mean(|row| row.altitude_m),
             step: self.rows.iter().filter_map(|row| row.step).min(),
@@ -202,6 +219,16 @@ impl FlightStatus {
 }
 
 impl Row {
+    /// What the vehicle does: its phase, and in the phase formation whether it is in its place.
+    pub fn doing(&self) -> &str {
+        if self.phase == FORMATION && self.in_place_s.is_some() { IN_FORMATION } else { self.shown_phase() }
+    }
+
+    /// The phase as a column of a table shows it.
+    pub fn shown_phase(&self) -> &str {
+        shown_phase(&self.phase, self.in_place_s)
+    }
+
     /// The row of a vehicle with its team's name.
     fn named(&self, team: &str) -> Self {
         Self { name: format!("{team}/{}", self.name), ..self.clone() }
@@ -213,8 +240,10 @@ impl Row {
 pub struct Row {
     /// The vehicle, or a team of several.
     pub name: String,
-    /// What it is doing.
+    /// The phase of its flight.
     pub phase: String,
+    /// Time for which it has been in formation without interruption, s; `None` while it is not. Of a team the least.
+    pub in_place_s: Option<f64>,
     /// Something is wrong with it.
     pub bad: bool,
     /// Above the origin.
@@ -288,8 +317,8 @@ impl Known {
     }
 }
 
-/// One row for each vehicle; `rings` are the formation's in each step of the mission.
-pub fn rows(vehicles: &[Known], rings: &[Ring]) -> Vec<Row> {
+/// One row for each vehicle of a swarm that flies this scenario.
+pub fn rows(vehicles: &[Known], scenario: &Scenario) -> Vec<Row> {
     let from_centre_ne_m = |sample: &VehicleSample| sample.position.horizontal() - Vector2::from(sample.centre_ne_m);
     let members: Vec<(VehicleId, f64)> = vehicles
         .iter()
@@ -305,11 +334,14 @@ pub fn rows(vehicles: &[Known], rings: &[Ring]) -> Vec<Row> {
         Row {
             name: known.id.to_string(),
             phase,
+            in_place_s: sample.and_then(|sample| sample.in_place_s),
             bad,
             altitude_m: sample.map(|sample| sample.position.altitude_m()),
             step: sample.map(|sample| sample.step),
-            from_centre_m: sample
-                .and_then(|sample| Some(rings.get(sample.step as usize)?.level_m(from_centre_ne_m(sample)))),
+            from_centre_m: sample.and_then(|sample| {
+                let formation = scenario.formation_with(sample.step, &sample.settings)?;
+                Some(formation::ring(&formation).level_m(from_centre_ne_m(sample)))
+            }),
             gap_deg: gap_deg(known.id, &members),
             nearest_m: sample
                 .and_then(|own| others().map(|other| (own.position - other.position).norm()).reduce(f64::min)),
@@ -352,6 +384,7 @@ mod tests {
         let row = |id: u8, altitude_m: Option<f64>| Row {
             name: id.to_string(),
             phase: altitude_m.map_or("silent", |_| "formation").to_owned(),
+            in_place_s: altitude_m.map(|_| 12.0),
             bad: false,
             altitude_m,
             step: altitude_m.map(|_| 0),
@@ -385,6 +418,12 @@ mod tests {
         assert_eq!(status.summary(45), "2/3 in formation, 1 silent, nearest 141.0 m");
         status.rows = vec![row(1, None)];
         assert_eq!(status.summary(80), "1/1 silent");
+        let strayed = Row { in_place_s: None, ..row(1, Some(30.0)) };
+        status.rows = vec![strayed.clone(), row(2, Some(30.0)), row(3, None)];
+        assert_eq!(status.summary(45), "1/3 in formation, 1 silent, 1 under way");
+        status.rows = vec![strayed.clone(), strayed];
+        assert!(status.summary(80).starts_with("2/2 under way, "), "{}", status.summary(80));
+        assert_eq!(Activity::Formation.to_string(), FORMATION);
     }
 
     #[test]

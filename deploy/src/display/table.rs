@@ -186,6 +186,7 @@ mod tests {
         Row {
             name: id.to_string(),
             phase: "formation".to_owned(),
+            in_place_s: Some(60.0),
             bad: false,
             altitude_m: Some(30.04),
             step: Some(2),

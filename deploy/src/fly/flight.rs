@@ -26,7 +26,6 @@ use skein_common::message::{StandingOrders, Trace, Verb};
 use skein_common::scenario::{Described, Scenario, Target};
 use skein_common::state::{Activity, Membership};
 use skein_common::topic::Branch;
-use skein_core::formation::{self, ring::Ring};
 
 use super::children::{Children, ProcessRole};
 use super::ground::Ground;
@@ -74,8 +73,6 @@ pub struct Flight {
     asked: u32,
     children: Children,
     observer: Observer,
-    /// The formation's in each step of the mission.
-    rings: Vec<Ring>,
     ground: Ground,
     metrics: Metrics,
     /// Absent if the scenario wants no recording.
@@ -185,7 +182,6 @@ impl Flight {
             asked: 0,
             children,
             observer: observer?,
-            rings: scenario.mission.steps.iter().map(|step| formation::ring(&step.formation)).collect(),
             ground: Ground::new(scenario),
             metrics: Metrics::new(scenario, Run::new(scenario, "fly")),
             recorder,
@@ -474,7 +470,7 @@ impl Flight {
         let scenario = self.plan.scenario();
         let known: Vec<Known> =
             scenario.ids().map(|id| Known::new(id, self.observer.vehicles().get(&id), self.ending(id), now)).collect();
-        let rows = status::rows(&known, &self.rings);
+        let rows = status::rows(&known, scenario);
         let flown_s = self.report.as_ref().map_or_else(|| self.flown_s(now), |report| report.duration_s);
         FlightStatus {
             swarm: scenario.swarm.name.to_string(),

@@ -133,6 +133,8 @@ mod tests {
             live: 3,
             step: 0,
             reached: None,
+            in_place_s: None,
+            settings: Vec::new(),
             centre_ne_m: [0.0; 2],
             estimate: PositionNed::default(),
             position: PositionNed::default(),

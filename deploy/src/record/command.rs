@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use crate::keys::Role;
 use serde_json::{Value, json};
 use skein_common::id::TeamId;
+use skein_common::message::Severity;
 use skein_common::scenario::{Loaded, Scenario, Source, load};
 use skein_common::state::Membership;
 
@@ -248,8 +249,12 @@ fn put(recorder: &mut Recorder, received: &SwarmMessage, at: Instant) {
     match received {
         SwarmMessage::Trace(trace) => recorder.step(at, trace),
         SwarmMessage::Event(event) => recorder.happened(at, event),
-        SwarmMessage::Appeared(id) => recorder.note(at, false, &format!("vehicle {id}"), "its agent has appeared"),
-        SwarmMessage::Vanished(id) => recorder.note(at, true, &format!("vehicle {id}"), "its agent has disappeared"),
+        SwarmMessage::Appeared(id) => {
+            recorder.note(at, Severity::Info, &format!("vehicle {id}"), "its agent has appeared")
+        }
+        SwarmMessage::Vanished(id) => {
+            recorder.note(at, Severity::Error, &format!("vehicle {id}"), "its agent has disappeared")
+        }
         SwarmMessage::Health(_) | SwarmMessage::Mission(_) | SwarmMessage::Summary(_) => {}
     }
 }

@@ -98,7 +98,13 @@ impl FleetRecorder {
         let plausible = traces.filter(|trace| trace.is_plausible());
         let vehicles = plausible.map(|trace| {
             let place = self.origin.ned_from_geodetic(&origin.geodetic_from_ned(trace.position));
-            VehiclePlace::new(trace.header.sender, trace.step, place, trace.position.altitude_m())
+            VehiclePlace::new(
+                trace.header.sender,
+                trace.step,
+                place,
+                trace.position.altitude_m(),
+                trace.in_place_s.is_some(),
+            )
         });
         let vehicles = vehicles.collect();
         self.enqueue(Entry::Places(TeamPlaces { team: in_fleet.id, t_s, vehicles }));

@@ -10,7 +10,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
-use skein_common::message::{Event, Trace};
+use skein_common::message::{Event, Severity, Trace};
 
 use skein_host::clock::{self, Utc};
 use skein_lab::faults::InjectedFault;
@@ -39,7 +39,7 @@ enum Entry {
     Happened(Event),
     InjectedFault(InjectedFault),
     Note {
-        is_bad: bool,
+        severity: Severity,
         who: String,
         what: String,
     },
@@ -90,8 +90,8 @@ impl Recorder {
     }
 
     /// Records a note for human readers.
-    pub fn note(&mut self, at: Instant, is_bad: bool, who: &str, what: &str) {
-        self.enqueue(at, Entry::Note { is_bad, who: who.to_owned(), what: what.to_owned() });
+    pub fn note(&mut self, at: Instant, severity: Severity, who: &str, what: &str) {
+        self.enqueue(at, Entry::Note { severity, who: who.to_owned(), what: what.to_owned() });
     }
 
     /// Marks the beginning of the measurement window.
@@ -182,7 +182,7 @@ fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, entry: Entry) {
         Entry::Step(trace) => writer.step(log_time_ns, &trace),
         Entry::Happened(Event { header, what }) => writer.event(log_time_ns, header.sender, Some(&header), &what),
         Entry::InjectedFault(fault) => writer.fault(log_time_ns, &fault),
-        Entry::Note { is_bad, who, what } => writer.note(log_time_ns, is_bad, who, what),
+        Entry::Note { severity, who, what } => writer.note(log_time_ns, severity, who, what),
         Entry::Begins => writer.window_begins(log_time_ns),
         Entry::Ends => writer.window_ends(log_time_ns),
         Entry::Dropped(_) => {}
@@ -269,9 +269,9 @@ mod tests {
         let writing = thread::spawn(|| Ok(()));
         let rate = Rate::new(50.0);
         let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate, dropped: 0, steps: 0 };
-        (0..5).for_each(|_| recorder.note(clock::now(), false, "fly", "again"));
+        (0..5).for_each(|_| recorder.note(clock::now(), Severity::Info, "fly", "again"));
         assert_eq!(entries.try_iter().count(), 2);
-        recorder.note(clock::now(), false, "fly", "there is room again");
+        recorder.note(clock::now(), Severity::Info, "fly", "there is room again");
         assert_eq!(entries.try_iter().count(), 1);
         drop(entries);
         assert_eq!(recorder.finish().unwrap(), 3);
@@ -291,13 +291,13 @@ mod tests {
         let (queue, entries) = sync_channel(QUEUE);
         let writing = thread::spawn(move || write(writer?, &entries, synced, "/dev/full".into()));
         let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate: Rate::new(50.0), dropped: 0, steps: 0 };
-        recorder.note(clock::now(), false, "fly", "this is never written");
+        recorder.note(clock::now(), Severity::Info, "fly", "this is never written");
         let until = clock::now() + Duration::from_secs(30);
         while !recorder.has_failed() {
             assert!(clock::now() < until);
             clock::sleep(Duration::from_millis(10));
         }
-        recorder.note(clock::now(), false, "fly", "nor this");
+        recorder.note(clock::now(), Severity::Info, "fly", "nor this");
         let why = recorder.finish().unwrap_err().to_string();
         assert!(why.starts_with("cannot write: No space left on device"), "{why}");
     }

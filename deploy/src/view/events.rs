@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 use skein_common::id::VehicleName;
-use skein_common::message::EventKind;
+use skein_common::message::Severity;
 use skein_lab::record::PlayedEvent;
 
 use super::snapshot::rounded;
@@ -59,32 +59,19 @@ pub(super) fn news(event: Event) -> String {
 }
 
 impl From<&PlayedEvent> for Event {
-    fn from(PlayedEvent { t_s, vehicle, text, what, is_fault }: &PlayedEvent) -> Self {
-        let level = if *is_fault { EventLevel::Bad } else { what.as_ref().map_or(EventLevel::Info, level) };
-        Self { t_s: Some(rounded(*t_s)), vehicle: vehicle.map(|name| name.to_string()), text: text.clone(), level }
+    fn from(PlayedEvent { t_s, vehicle, text, severity, .. }: &PlayedEvent) -> Self {
+        let vehicle = vehicle.map(|name| name.to_string());
+        Self { t_s: Some(rounded(*t_s)), vehicle, text: text.clone(), level: (*severity).into() }
     }
 }
 
-/// How bad it is that this happens to a vehicle.
-pub(super) fn level(what: &EventKind) -> EventLevel {
-    match what {
-        EventKind::PeerLost(_)
-        | EventKind::PlanDiffers(_)
-        | EventKind::AllPeersLost
-        | EventKind::ForcedAdvance { .. }
-        | EventKind::Skipped { .. }
-        | EventKind::QuorumLost
-        | EventKind::ClockJumped
-        | EventKind::SimulatorStopped(_)
-        | EventKind::SimulatorFault(_)
-        | EventKind::LawLost
-        | EventKind::SettingRefused(_)
-        | EventKind::LandingWaits
-        | EventKind::FrameRate(_) => EventLevel::Warn,
-        EventKind::Failed(_) | EventKind::OwnDataStale | EventKind::SimulatorLost | EventKind::ControlFault => {
-            EventLevel::Bad
+impl From<Severity> for EventLevel {
+    fn from(severity: Severity) -> Self {
+        match severity {
+            Severity::Info => Self::Info,
+            Severity::Warning => Self::Warn,
+            Severity::Error => Self::Bad,
         }
-        _ => EventLevel::Info,
     }
 }
 
@@ -102,20 +89,34 @@ struct Kept {
 #[derive(Debug)]
 struct Entry {
     at: Instant,
-    vehicle: Option<String>,
+    vehicle: VehicleName,
     text: String,
-    level: EventLevel,
+    severity: Severity,
 }
 
 impl EventLog {
     /// Keeps an event that arrived at `at`; the oldest is forgotten when there are too many.
-    pub(super) fn add(&self, at: Instant, vehicle: VehicleName, text: String, level: EventLevel) {
+    pub(super) fn add(&self, at: Instant, vehicle: VehicleName, text: String, severity: Severity) {
         let mut kept = self.kept();
-        kept.events.push_back(Entry { at, vehicle: Some(vehicle.to_string()), text, level });
+        kept.events.push_back(Entry { at, vehicle, text, severity });
         if kept.events.len() > MOST_KEPT {
             kept.events.pop_front();
             kept.before += 1;
         }
+    }
+
+    /// Number of events so far.
+    pub(super) fn count(&self) -> u64 {
+        let kept = self.kept();
+        kept.before + kept.events.len() as u64
+    }
+
+    /// Vehicle, text and severity of the events from the `from`th on, and the number of the next one.
+    pub(super) fn reported_since(&self, from: u64) -> (Vec<(VehicleName, String, Severity)>, u64) {
+        let kept = self.kept();
+        let skipped = usize::try_from(from.saturating_sub(kept.before)).unwrap_or(usize::MAX);
+        let reported = |entry: &Entry| (entry.vehicle, entry.text.clone(), entry.severity);
+        (kept.events.iter().skip(skipped).map(reported).collect(), kept.before + kept.events.len() as u64)
     }
 
     /// The events from the `from`th on, and the number of the next one; `zero` is when the flight began.
@@ -131,9 +132,9 @@ impl EventLog {
         };
         let shown = |entry: &Entry| Event {
             t_s: t_s(entry.at).map(rounded),
-            vehicle: entry.vehicle.clone(),
+            vehicle: Some(entry.vehicle.to_string()),
             text: entry.text.clone(),
-            level: entry.level,
+            level: entry.severity.into(),
         };
         (kept.events.iter().skip(skipped).map(shown).collect(), kept.before + kept.events.len() as u64)
     }

@@ -44,7 +44,7 @@ fn grid(team: &Team, observed: &[ObservedVehicle], own: VehicleId) -> Option<Fie
     let sample = |id: VehicleId| observed.iter().find(|vehicle| vehicle.known.id == id)?.known.flying();
     let own_sample = sample(own)?;
     let step = own_sample.step as usize;
-    let formation = &team.scenario.mission.steps.get(step)?.formation;
+    let formation = &*team.scenario.formation_with(own_sample.step, &own_sample.settings)?;
     if formation.law == Law::External {
         return None;
     }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 use skein_common::id::VehicleName;
-use skein_common::scenario::{Scenario, Step, Target};
+use skein_common::scenario::{Formation, SafetyFilter, Scenario, Step, Target};
 use skein_core::deadlines::Deadline;
 use skein_lab::metrics::{COLLISION_M, Run};
 
@@ -74,8 +74,6 @@ pub(super) fn hello(teams: &[Team], source: SourceKind, title: &str, span: Span,
 fn scenario(scenario: &Scenario) -> Value {
     let origin = scenario.team.map_or(scenario.origin, |team| team.origin);
     let formation = &scenario.formation;
-    let safety_m =
-        (formation.safety_filter == skein_common::scenario::SafetyFilter::Cbf).then_some(formation.safety_distance_m);
     json!({
         "name": scenario.name,
         "law": formation.law.name(),
@@ -86,7 +84,7 @@ fn scenario(scenario: &Scenario) -> Value {
             "longitude_deg": origin.longitude_deg,
             "elevation_m": origin.elevation_m,
         },
-        "safety_distance_m": safety_m,
+        "safety_distance_m": safety_distance_m(formation),
         "collision_distance_m": COLLISION_M,
         "even": status::has_gaps(scenario, None),
         "airspace": scenario.airspace,
@@ -102,21 +100,31 @@ fn step(step: &Step) -> Value {
         Target::Hold(hold_s) => ("hold", None, None, Some(hold_s)),
         Target::Land(_) => ("land", None, None, None),
     };
-    let formation = &step.formation;
     json!({
         "name": step.name,
         "kind": kind,
         "centre_ne_m": centre_ne_m,
         "path_ne_m": path_ne_m,
         "hold_s": hold_s,
-        "formation": {
-            "law": formation.law.name(),
-            "radius_m": formation.radius_m,
-            "gamma": formation.gamma,
-            "heading_deg": formation.heading_deg,
-            "inner_width_m": formation.inner_width_m,
-            "outer_width_m": formation.outer_width_m,
-            "altitude_m": formation.altitude_m,
-        },
+        "formation": formation(&step.formation),
     })
+}
+
+/// What the page draws of a formation.
+pub(super) fn formation(formation: &Formation) -> Value {
+    json!({
+        "law": formation.law.name(),
+        "radius_m": formation.radius_m,
+        "gamma": formation.gamma,
+        "heading_deg": formation.heading_deg,
+        "inner_width_m": formation.inner_width_m,
+        "outer_width_m": formation.outer_width_m,
+        "altitude_m": formation.altitude_m,
+        "safety_distance_m": safety_distance_m(formation),
+    })
+}
+
+/// The distance that the safety filter keeps, m; `None` without a filter.
+pub(super) fn safety_distance_m(formation: &Formation) -> Option<f64> {
+    (formation.safety_filter == SafetyFilter::Cbf).then_some(formation.safety_distance_m)
 }

@@ -11,14 +11,13 @@ use axum::body::Bytes;
 use axum::extract::ws::Utf8Bytes;
 use serde_json::json;
 use skein_common::id::VehicleId;
-use skein_common::message::StandingOrders;
-use skein_common::scenario::{Described, Scenario, Setting};
-use skein_core::tuning;
+use skein_common::message::Severity;
+use skein_common::scenario::Described;
 use skein_host::clock;
 use skein_lab::error::Error;
 use tokio::sync::watch;
 
-use super::events::{self, EventLevel, EventLog};
+use super::events::EventLog;
 use super::field::{self, Field};
 use super::foxglove;
 use super::hello::{self, OrderRule, SourceKind, Span};
@@ -130,13 +129,7 @@ struct Watched {
     place: Arc<Place>,
     reaches: Vec<Reach>,
     observers: Observers,
-    /// The scenarios as written.
-    written: Vec<Scenario>,
-    /// What operators have set in flight, team by team.
-    settings: Vec<Vec<Setting>>,
-    /// The teams as they fly: as written, with the settings.
     teams: Arc<Vec<Team>>,
-    orders: OrderRule,
     hello: Utf8Bytes,
     /// When an agent was last in contact, or the swarm was found.
     answered: Instant,
@@ -162,7 +155,6 @@ impl Watcher {
     fn take(&mut self, now: Instant) {
         let Some(watched) = &mut self.watched else { return };
         watched.take(&self.events, self.foxglove.as_mut());
-        self.number += u64::from(watched.take_settings());
         let is_alive = watched.observers.views().any(|(_, view)| view.alive);
         if is_alive {
             watched.answered = now;
@@ -233,33 +225,10 @@ impl Watched {
         let described = place.described()?;
         let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
         let observers = Observers::open(&reaches, TraceSubscription::Off)?;
-        let written: Vec<Scenario> = described.all().iter().map(|loaded| loaded.scenario.clone()).collect();
-        let settings = vec![Vec::new(); written.len()];
         let hello = hello::hello(&teams, SourceKind::Live, place.swarm().as_str(), Span::default(), orders).into();
         let (teams, zero) = (Arc::new(teams), None);
-        let watched = Self { place, reaches, observers, written, settings, teams, orders, hello, answered: now, zero };
+        let watched = Self { place, reaches, observers, teams, hello, answered: now, zero };
         Ok((watched, described))
-    }
-
-    /// Takes in what has been set in flight. Returns whether that has changed, and with it the first message to a page.
-    fn take_settings(&mut self) -> bool {
-        let in_force = |observer: &Observer| {
-            let orders = observer.vehicles().values().flat_map(|view| view.orders.iter());
-            orders.collect::<StandingOrders>().settings_in_sequence()
-        };
-        let settings: Vec<Vec<Setting>> = self.observers.all().iter().map(in_force).collect();
-        if settings == self.settings {
-            return false;
-        }
-        let tuned = |(written, given): (&Scenario, &Vec<Setting>)| {
-            let found = written.settings_in_effect(given, |tuned| tuning::check(written, tuned));
-            Team::new(&written.with_settings(&found.in_effect))
-        };
-        self.teams = Arc::new(self.written.iter().zip(&settings).map(tuned).collect());
-        self.settings = settings;
-        let swarm = self.place.swarm().as_str();
-        self.hello = hello::hello(&self.teams, SourceKind::Live, swarm, Span::default(), self.orders).into();
-        true
     }
 
     /// Takes in what the vehicles have sent, and keeps what happened to them.
@@ -276,13 +245,13 @@ impl Watched {
                 }
                 match received {
                     SwarmMessage::Event(event) => {
-                        log.add(at, name(event.header.sender), event.what.to_string(), events::level(&event.what));
+                        log.add(at, name(event.header.sender), event.what.to_string(), event.what.severity());
                     }
                     SwarmMessage::Appeared(id) => {
-                        log.add(at, name(id), "appeared".to_owned(), EventLevel::Info);
+                        log.add(at, name(id), "appeared".to_owned(), Severity::Info);
                     }
                     SwarmMessage::Vanished(id) => {
-                        log.add(at, name(id), "disappeared".to_owned(), EventLevel::Bad);
+                        log.add(at, name(id), "disappeared".to_owned(), Severity::Error);
                     }
                     SwarmMessage::Trace(_)
                     | SwarmMessage::Summary(_)

@@ -23,6 +23,7 @@ mod frames;
 mod modes;
 mod telemetry;
 
+use bridge::SystemIds;
 use edge::Station;
 
 /// Number of the message with the autopilot's version.
@@ -38,6 +39,9 @@ pub struct MavlinkArgs {
     /// File with the 32 bytes of a key: MAVLink messages are signed with it, and unsigned ones are dropped
     #[arg(long, value_name = "FILE", requires = "mavlink")]
     pub mavlink_key: Option<PathBuf>,
+    /// Added to the system ids of the vehicles: a ground station that sees two swarms needs different ids
+    #[arg(long, value_name = "N", requires = "mavlink", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=249))]
+    pub mavlink_id_offset: u8,
 }
 
 impl MavlinkArgs {
@@ -55,7 +59,8 @@ impl MavlinkArgs {
                 "--orders: every program that sends from {name} could order the swarm: sign with a key, --mavlink-key FILE"
             )));
         }
-        Station::open(address, frames::Frames::new(key), orders.is_some()).map(Some)
+        let ids = SystemIds { offset: self.mavlink_id_offset };
+        Station::open(address, frames::Frames::new(key), orders.is_some(), ids).map(Some)
     }
 }
 

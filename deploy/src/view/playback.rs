@@ -218,7 +218,7 @@ impl Recording {
                 .ids()
                 .map(|id| {
                     let place = played.and_then(|played| played.iter().find(|played| played.place.id == id));
-                    Vehicle::of_place(team.name(id), place, &team.scenario)
+                    Vehicle::of_place(team.name(id), place)
                 })
                 .collect();
             there += played.map_or(0, Vec::len);

@@ -5,14 +5,15 @@ use std::time::Duration;
 
 use nalgebra::Vector2;
 use serde::Serialize;
+use serde_json::Value;
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{TeamId, VehicleId, VehicleName};
 use skein_common::message::Verb;
 use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership, PeerStatus};
-use skein_core::formation::{self, ring::Ring};
 use skein_lab::record::PlayedPlace;
 
+use super::hello;
 use crate::display::status::{self, Known, Row};
 use crate::sample::VehicleSample;
 
@@ -20,8 +21,6 @@ use crate::sample::VehicleSample;
 pub(super) const LARGE: usize = 100;
 /// A vehicle out of contact is dead-reckoned with its last velocity for at most this time, s.
 const DEAD_RECKONED_S: f64 = 5.0;
-/// A vehicle of a fleet's recording that is further below its altitude climbs or lands, m.
-const AT_ALTITUDE_M: f64 = 1.0;
 /// In a swarm with more vehicles than this, distances to the nearest are left out: there are too many pairs.
 const MOST_NEAREST: usize = 600;
 
@@ -29,18 +28,15 @@ const MOST_NEAREST: usize = 600;
 pub(super) struct Team {
     /// What it flies.
     pub(super) scenario: Scenario,
-    /// The formation's ring in each step of the mission.
-    pub(super) rings: Vec<Ring>,
     /// Origins of the team's frame and of the fleet's; `None` for a swarm that flies alone.
     frames: Option<(Origin, Origin)>,
 }
 
 impl Team {
     pub(super) fn new(scenario: &Scenario) -> Self {
-        let rings = scenario.mission.steps.iter().map(|step| formation::ring(&step.formation)).collect();
         let origin = |settings: &skein_common::scenario::OriginSettings| Origin::new(settings.geodetic());
         let frames = scenario.team.map(|team| (origin(&scenario.origin), origin(&team.origin)));
-        Self { scenario: scenario.clone(), rings, frames }
+        Self { scenario: scenario.clone(), frames }
     }
 
     /// The team's number; `None` for a swarm that flies alone.
@@ -128,6 +124,9 @@ pub(super) struct TeamPlace {
     id: TeamId,
     centre_ne_m: [f64; 2],
     step: Option<u32>,
+    /// The formation of its step as an operator has changed it in flight; `None` as the scenario has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    formation: Option<Value>,
 }
 
 /// One vehicle at one instant.
@@ -137,6 +136,8 @@ pub(super) struct Vehicle {
     pub(super) contact: bool,
     pub(super) silent_s: Option<f64>,
     pub(super) phase: Option<String>,
+    /// Time for which it has been in formation without interruption, s; `None` while it is not.
+    pub(super) in_place_s: Option<f64>,
     pub(super) membership: Option<&'static str>,
     pub(super) step: Option<u32>,
     pub(super) reached: Option<u32>,
@@ -162,9 +163,13 @@ pub(super) struct Vehicle {
     pub(super) step_p99_us: Option<f64>,
     pub(super) overruns: Option<u64>,
     pub(super) refused: Option<u64>,
+    pub(super) unsent: Option<u64>,
     pub(super) failures: Vec<String>,
     pub(super) order: Option<String>,
     pub(super) peers: Vec<(String, u32, &'static str)>,
+    /// The formation of its step as an operator has changed it in flight; `None` as the scenario has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) formation: Option<Value>,
     /// Whether it is where it should be: in its formation, or on the ground after its mission.
     #[serde(skip)]
     is_in_place: bool,
@@ -244,15 +249,12 @@ impl Vehicle {
         flags.iter().enumerate().map(|(bit, is_set)| u8::from(*is_set) << bit).sum()
     }
 
-    /// A vehicle of a fleet's recording, which has places only; `None` if it is not in the recording at this time. It counts as
-    /// in place at the altitude of its step.
-    pub(super) fn of_place(name: VehicleName, played: Option<&PlayedPlace>, scenario: &Scenario) -> Self {
+    /// A vehicle of a fleet's recording, which has places only; `None` if it is not in the recording at this time.
+    pub(super) fn of_place(name: VehicleName, played: Option<&PlayedPlace>) -> Self {
         let Some(PlayedPlace { place, velocity_ne_m_s }) = played else {
             return Self { id: name.to_string(), ..Self::default() };
         };
         let [north_m_s, east_m_s] = *velocity_ne_m_s;
-        let step = scenario.mission.steps.get(place.step as usize);
-        let altitude_m = step.map_or(scenario.formation.altitude_m, |step| step.formation.altitude_m);
         let is_moving = Vector2::from(*velocity_ne_m_s).norm() > 0.2;
         let heading_rad = if is_moving { skein_common::math::atan2(east_m_s, north_m_s) } else { 0.0 };
         Self {
@@ -264,7 +266,7 @@ impl Vehicle {
             altitude_m: Some(rounded(place.altitude_m)),
             velocity_ned_m_s: Some([rounded(north_m_s), rounded(east_m_s), 0.0]),
             attitude_rad: Some([0.0, 0.0, rounded(heading_rad)]),
-            is_in_place: place.altitude_m > altitude_m - AT_ALTITUDE_M,
+            is_in_place: place.in_place,
             ..Self::default()
         }
     }
@@ -273,7 +275,7 @@ impl Vehicle {
 /// The vehicles of a team, and their rows in the table of `fly`.
 pub(super) fn vehicles(team: &Team, observed: &[ObservedVehicle]) -> (Vec<Row>, Vec<Vehicle>) {
     let known: Vec<Known> = observed.iter().map(|vehicle| vehicle.known.clone()).collect();
-    let rows = status::rows(&known, &team.rings);
+    let rows = status::rows(&known, &team.scenario);
     let vehicles = observed.iter().zip(&rows).map(|(vehicle, row)| of_sample(team, vehicle, row)).collect();
     (rows, vehicles)
 }
@@ -294,6 +296,7 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
         contact,
         silent_s: Some(rounded(silent.as_secs_f64())),
         phase: Some(sample.activity.to_string()),
+        in_place_s: row.in_place_s.map(rounded),
         membership: Some(membership(sample.membership)),
         step: Some(sample.step),
         reached: sample.reached,
@@ -316,6 +319,7 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
         step_p99_us: process.map(|process| rounded(process.step_p99_us)),
         overruns: process.map(|process| process.frame_overruns),
         refused: process.map(|process| process.dropped),
+        unsent: process.map(|process| process.unsent),
         failures: sample.failures.iter().map(ToString::to_string).collect(),
         order: order.map(|verb| verb.to_string()),
         peers: sample
@@ -323,13 +327,20 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
             .iter()
             .map(|peer| (team.name(peer.id).to_string(), peer.age_ms, standing(peer.standing)))
             .collect(),
+        formation: changed_formation(team, sample),
         // Filled in by `add_nearest`.
         nearest_m: None,
         nearest: None,
-        is_in_place: matches!(sample.activity, Activity::Formation | Activity::Landed),
+        is_in_place: sample.in_place_s.is_some() || sample.activity == Activity::Landed,
         is_landed: sample.activity == Activity::Landed,
         is_on_the_ground: matches!(sample.activity, Activity::Landed | Activity::Joining),
     }
+}
+
+/// The formation of this vehicle's step, if an operator has changed it in flight.
+fn changed_formation(team: &Team, sample: &VehicleSample) -> Option<Value> {
+    let formation = team.scenario.formation_with(sample.step, &sample.settings);
+    formation.filter(|_| !sample.settings.is_empty()).map(|formation| hello::formation(&formation))
 }
 
 /// Where a vehicle probably is that has been silent for this time.
@@ -372,7 +383,9 @@ pub(super) fn team_place(team: &Team, vehicles: &[Vehicle]) -> Option<TeamPlace>
         let count = places.len() as f64;
         (!places.is_empty()).then(|| [rounded(sum(0) / count), rounded(sum(1) / count)])
     };
-    Some(TeamPlace { id, centre_ne_m: centre.or_else(mean)?, step })
+    let leading = vehicles.iter().filter(|vehicle| vehicle.contact && vehicle.step == step);
+    let formation = leading.filter_map(|vehicle| vehicle.formation.clone()).next();
+    Some(TeamPlace { id, centre_ne_m: centre.or_else(mean)?, step, formation })
 }
 
 /// To three decimals: millimetres, milliseconds, milliradians.

@@ -76,7 +76,7 @@ fn awaited(mut all: VehicleSet, what: &EventKind) -> VehicleSet {
 fn flight_status(team: &Team, observer: &Observer, journal: &Journal, now: std::time::Instant) -> FlightStatus {
     let known = |id: VehicleId| Known::new(id, observer.vehicles().get(&id), None, now);
     let known: Vec<Known> = team.scenario.ids().map(known).collect();
-    let rows = status::rows(&known, &team.rings);
+    let rows = status::rows(&known, &team.scenario);
     let flown = known.iter().filter_map(|known| known.flying()?.flown_s);
     FlightStatus {
         swarm: team.scenario.swarm.name.to_string(),

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 use skein_common::frame::{Attitude, PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleName};
 use skein_common::message::{Failure, PeerContact};
-use skein_common::scenario::{Scenario, Source, load, load_any};
+use skein_common::scenario::{Scenario, Setting, Source, load, load_any};
 use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::record::{PlayedPlace, Player, VehiclePlace};
 
@@ -40,6 +40,8 @@ fn observed(number: u8, silent_s: f64, change: impl FnOnce(&mut VehicleSample)) 
         membership: Membership::Active,
         step: 0,
         reached: None,
+        in_place_s: Some(9.0),
+        settings: Vec::new(),
         live: 4,
         position: PositionNed::new(100.0 * cos, 100.0 * sin, -30.0),
         velocity: VelocityNed::new(1.0, -2.0, 0.5),
@@ -56,6 +58,7 @@ fn observed(number: u8, silent_s: f64, change: impl FnOnce(&mut VehicleSample)) 
             step_p99_us: 24.0,
             frame_overruns: 0,
             dropped: 2,
+            unsent: 1,
         }),
         failures: Vec::new(),
         peers: (1..=4).filter(|other| *other != number).map(peer).collect(),
@@ -90,12 +93,12 @@ fn a_snapshot_is_the_golden_json() {
         })
     );
     let golden = json!({
-        "id": "1", "contact": true, "silent_s": 0.05, "phase": "formation", "membership": "active", "step": 0, "reached": null,
+        "id": "1", "contact": true, "silent_s": 0.05, "phase": "formation", "in_place_s": 9.0, "membership": "active", "step": 0, "reached": null,
         "live": 4, "ne_m": [0.0, 100.0], "altitude_m": 30.0, "velocity_ned_m_s": [1.0, -2.0, 0.5],
         "attitude_rad": [0.01, -0.02, 1.5], "centre_ne_m": [0.0, 0.0], "distance_m": 100.0, "gap_deg": 90.0,
         "gap_error_deg": 0.0, "nearest_m": 141.421, "nearest": "2", "setpoint_altitude_m": 30.0, "field_ne": [0.1, -0.1],
         "error_ne_m": [1.5, 0.0], "controls": null, "energy_left": 0.5, "frame_rate_hz": 50.0, "jitter_ms": 0.2, "step_p99_us": 24.0,
-        "overruns": 0, "refused": 2, "failures": [], "order": null,
+        "overruns": 0, "refused": 2, "unsent": 1, "failures": [], "order": null,
         "peers": [["2", 82, "fresh"], ["3", 83, "fresh"], ["4", 84, "fresh"]],
     });
     let mut vehicle = json["vehicles"][0].clone();
@@ -108,6 +111,60 @@ fn a_snapshot_is_the_golden_json() {
         (top, &json["type"]),
         (["at_ms", "status", "t_s", "type", "vehicles"].map(str::to_owned).to_vec(), &json!("snapshot"))
     );
+}
+
+#[test]
+fn a_vehicle_in_the_phase_formation_that_is_not_in_its_place_is_under_way() {
+    let team = four();
+    let strayed = |number: u8| {
+        observed(number, 0.0, |sample| {
+            sample.in_place_s = None;
+            sample.position = PositionNed::new(240.0 * f64::from(number), 0.0, -30.0);
+        })
+    };
+    let far = snapshot(&team, &[1, 2, 3, 4].map(strayed));
+    let json = as_json(&far);
+    let text = json["status"]["text"].as_str().unwrap();
+    assert!(text.starts_with("4/4 under way · ") && !text.contains("in formation"), "{text}");
+    assert_eq!(
+        (&json["vehicles"][0]["phase"], &json["vehicles"][0]["in_place_s"]),
+        (&json!("formation"), &Value::Null)
+    );
+    let one = [
+        observed(1, 0.0, |_| ()),
+        strayed(2),
+        strayed(3),
+        observed(4, 0.0, |sample| sample.activity = Activity::Landing),
+    ];
+    let text = snapshot(&team, &one).status.text;
+    // A vehicle that lands is in no formation, wherever it is.
+    assert!(text.starts_with("1/4 in formation, 1 landing, 2 under way · "), "{text}");
+}
+
+#[test]
+fn what_an_operator_has_set_is_drawn_from_when_it_takes_effect() {
+    let team = four();
+    let set = |text: &str| text.parse::<Setting>().unwrap();
+    let tuned = |number: u8, radius: &str| {
+        observed(number, 0.0, |sample| sample.settings = vec![set(radius), set("formation.safety_distance_m=200")])
+    };
+    let at = |all: &[ObservedVehicle]| as_json(&snapshot(&team, all));
+    let before = at(&[1, 2, 3, 4].map(|number| observed(number, 0.0, |_| ())));
+    assert_eq!(before["vehicles"][0]["formation"], Value::Null, "as the scenario has it");
+    // On the way to 80 m.
+    let during = at(&[1, 2, 3, 4].map(|number| tuned(number, "formation.radius_m=93.5")));
+    let formation = &during["vehicles"][3]["formation"];
+    assert_eq!((&formation["radius_m"], &formation["safety_distance_m"]), (&json!(93.5), &json!(200.0)));
+    assert!(during["status"]["reasons"].to_string().contains("less than the safety distance of 200 m"), "{during}");
+    // The field around a vehicle is that of its present ring.
+    let inside = [1, 2, 3, 4].map(|number| tuned(number, "formation.radius_m=150"));
+    let Field::Grid { north_m, .. } = field::field(&team, &inside, id(1)) else { panic!("no field") };
+    let all = [1, 2, 3, 4].map(|number| observed(number, 0.0, |_| ()));
+    let Field::Grid { north_m: of_100_m, .. } = field::field(&team, &all, id(1)) else { panic!("no field") };
+    assert!((north_m[20] - of_100_m[20] - 75.0).abs() < 1e-9, "{} {}", north_m[20], of_100_m[20]);
+    // A step with a value of its own keeps it.
+    let second = observed(1, 0.0, |sample| (sample.step, sample.settings) = (1, vec![set("formation.radius_m=80")]));
+    assert_eq!(at(&[second])["vehicles"][0]["formation"]["radius_m"], json!(60.0));
 }
 
 #[test]
@@ -193,17 +250,17 @@ fn the_status_names_what_is_wrong_the_worst_first() {
 #[test]
 fn a_large_swarm_is_sent_as_bytes_with_the_details_that_a_page_asks_for() {
     let team = Team::new(&scenario("swarm.vehicles = 101\nstart.square_m = 300.0\nformation.radius_m = 200.0"));
-    let place = |number: u8| VehiclePlace { id: id(number), step: 2, north_m: 3.5, east_m: -1.0, altitude_m: 30.0 };
+    let (step, north_m, east_m, altitude_m, in_place) = (2, 3.5, -1.0, 30.0, true);
+    let place = |number: u8| VehiclePlace { id: id(number), step, north_m, east_m, altitude_m, in_place };
     let played = |number: u8| PlayedPlace { place: place(number), velocity_ne_m_s: [0.0, 5.0] };
-    // Vehicle 2 is not in the recording at this time, and vehicle 3 still climbs.
+    // Vehicle 2 is not in the recording at this time, and vehicle 3 is not in its place, whatever its altitude.
     let of = |number: u8| (number != 2).then(|| played(number));
-    let climbs = |mut played: PlayedPlace| {
-        played.place.altitude_m = 12.0;
+    let strays = |mut played: PlayedPlace| {
+        played.place.in_place = false;
         played
     };
-    let played = |number: u8| if number == 3 { of(number).map(climbs) } else { of(number) };
-    let all = (1..=101)
-        .map(|number| Vehicle::of_place(VehicleName::from(id(number)), played(number).as_ref(), &team.scenario));
+    let played = |number: u8| if number == 3 { of(number).map(strays) } else { of(number) };
+    let all = (1..=101).map(|number| Vehicle::of_place(VehicleName::from(id(number)), played(number).as_ref()));
     let status = Status::plain("101 vehicles".to_owned());
     let large = Snapshot { t_s: Some(7.5), at_ms: 0, status, vehicles: all.collect(), teams: Vec::new() };
     assert_eq!(team.scenario.swarm.vehicles, large.vehicles.len());

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::SafetyFilter;
 use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::metrics::COLLISION_M;
 
+use super::hello::safety_distance_m;
 use super::snapshot::{Level, ObservedVehicle, Status, Team, Vehicle};
 use crate::display::status::{self, Overview, Row};
 use crate::order::ranges;
@@ -142,13 +142,15 @@ fn partitions(judged: &Judged<'_>) -> Vec<(Level, String)> {
 
 /// Pairs in the air that are too near to each other.
 fn near_pairs(teams: &[Judged<'_>]) -> Vec<(Level, String)> {
-    let safety_m = |judged: &Judged<'_>, vehicle: &Vehicle| {
-        let step = judged.team.scenario.mission.steps.get(vehicle.step.unwrap_or(0) as usize)?;
-        (step.formation.safety_filter == SafetyFilter::Cbf).then_some(step.formation.safety_distance_m)
+    let safety_m = |judged: &Judged<'_>, nth: usize| {
+        let newest = judged.observed.get(nth).and_then(|vehicle| vehicle.known.newest.as_ref());
+        let (step, settings) =
+            newest.map_or((0, [].as_slice()), |(sample, _)| (sample.step, sample.settings.as_slice()));
+        safety_distance_m(&*judged.team.scenario.formation_with(step, settings)?)
     };
     let mut reasons = Vec::new();
     for judged in teams {
-        for vehicle in judged.vehicles.iter().filter(|vehicle| vehicle.is_airborne()) {
+        for (nth, vehicle) in judged.vehicles.iter().enumerate().filter(|(_, vehicle)| vehicle.is_airborne()) {
             let (Some(distance_m), Some(other)) = (vehicle.nearest_m, &vehicle.nearest) else { continue };
             let is_second = teams.iter().flat_map(|judged| judged.vehicles).any(|first| {
                 first.id == *other && first.nearest.as_ref() == Some(&vehicle.id) && first.id < vehicle.id
@@ -159,7 +161,7 @@ fn near_pairs(teams: &[Judged<'_>]) -> Vec<(Level, String)> {
             let pair = format!("vehicles {} and {other}: {distance_m:.1} m apart", vehicle.id);
             if distance_m < COLLISION_M {
                 reasons.push((Level::Bad, format!("{pair}, a collision")));
-            } else if let Some(safety_m) = safety_m(judged, vehicle).filter(|safety_m| distance_m < *safety_m) {
+            } else if let Some(safety_m) = safety_m(judged, nth).filter(|safety_m| distance_m < *safety_m) {
                 reasons.push((Level::Warn, format!("{pair}, less than the safety distance of {safety_m} m")));
             }
         }

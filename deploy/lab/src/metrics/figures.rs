@@ -43,7 +43,7 @@ const fn figure(
 #[rustfmt::skip]
 pub const FIGURES: [Figure; 57] = [
     figure("duration_s", "s", None, "length of a run", "Length of the window of the figures."),
-    figure("at_altitude_s", "s", Some(More), "all at their altitude from then on", "First time after which every vehicle stays above 90 % of its altitude to the end of the window. In a mission of several places each settling figure counts at the step of each vehicle, and none is in `never`."),
+    figure("at_altitude_s", "s", Some(More), "all at their altitude from then on", "First time after which every vehicle stays within 10 % of its altitude to the end of the window. In a mission of several places each settling figure counts at the step of each vehicle, and none is in `never`."),
     figure("in_band_s", "s", Some(More), "all in the band from then on", "First time after which every vehicle stays in the band of its step (under a law of flocks inside the area). Slots in a line, V, grid or list have no band."),
     figure("even_10deg_s", "s", Some(More), "gaps within 10° of even from then on", "First time after which every gap of the ring stays within 10° of even."),
     figure("even_5deg_s", "s", Some(More), "gaps within 5° of even from then on", "First time after which every gap of the ring stays within 5° of even."),
@@ -87,7 +87,7 @@ pub const FIGURES: [Figure; 57] = [
     figure("false_suspicions", "times", Some(More), "losses of a peer that was there", "How often a vehicle lost a peer that lived, had not left, had no cut link with it and was nearer than where loss by distance begins."),
     figure("rejoin_s", "s", Some(More), "slowest rejoin of a peer", "Longest time from a restart or a healed cut until every vehicle counts the peer as active again. More than 30 s count as never."),
     figure("response_s", "s", Some(More), "slowest report of an own failure", "Longest time from a failure of a vehicle until that vehicle reports one."),
-    figure("transient_s", "s", Some(More), "slowest return into formation", "Longest time from a change of the live members, or from a healed cut, until all are in the band and even to 10°. More than 120 s count as never."),
+    figure("transient_s", "s", Some(More), "slowest return into formation", "Longest time from a change of the live members, or from a healed cut, until all are in formation: at their altitude, in the band and even to 10°. More than 120 s count as never."),
     figure("state_messages", "messages", Some(More), "state messages sent", "State messages that the swarm has sent; under a central controller states and controls."),
     figure("state_bytes", "bytes", Some(More), "payload of the state messages", "Payload of the state messages."),
     figure("peer_age_p50_ms", "ms", Some(More), "median age of peer states", "Median age of the peers' states, each sampled at every seventh step in virtual time (less often in a swarm of more than 28), an upper bound that includes the delay; a central controller has none."),

@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation2, Vector2, Vector3};
 use skein_common::math;
-use skein_common::scenario::{Step, Target};
+use skein_common::scenario::{Formation, Step, Target};
 use skein_core::formation::{self, ring::Ring};
 
 /// The formation during one step of the mission.
@@ -24,13 +24,19 @@ impl Shape {
             Target::Path(corners) => corners.first().zip(corners.last()),
             _ => None,
         };
-        let ring = formation::ring(&step.formation);
+        let path_ends = path_ends.map(|(first, last)| [Vector2::from(*first), Vector2::from(*last)]);
+        Self { path_ends, ..Self::of_formation(&step.formation) }
+    }
+
+    /// The formation, whose centre rests.
+    pub(crate) fn of_formation(formation: &Formation) -> Self {
+        let ring = formation::ring(formation);
         Self {
             turn: Rotation2::new(ring.heading_rad),
             ring,
-            altitude_m: step.formation.altitude_m,
-            band_step_m: step.formation.band_step_m,
-            path_ends: path_ends.map(|(first, last)| [Vector2::from(*first), Vector2::from(*last)]),
+            altitude_m: formation.altitude_m,
+            band_step_m: formation.band_step_m,
+            path_ends: None,
         }
     }
 

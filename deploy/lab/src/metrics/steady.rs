@@ -193,7 +193,7 @@ impl Slice {
 
 /// A vehicle's own steady figures, m.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct InFormation {
+pub(super) struct OwnFigures {
     /// Root mean square of ρ − R*.
     pub(super) error_rms_m: f64,
     /// Mean ρ.
@@ -262,11 +262,11 @@ impl VehicleSeries {
     }
 
     /// A vehicle's own figures since `since_s`; `None` for a vehicle that had left before.
-    pub(super) fn figures(&self, vehicle: usize, since_s: f64) -> Option<InFormation> {
+    pub(super) fn figures(&self, vehicle: usize, since_s: f64) -> Option<OwnFigures> {
         let samples: Vec<_> = self.samples(vehicle, since_s).collect();
         let square = mean(samples.iter().map(|(_, rho_m, radius_m)| (rho_m - radius_m) * (rho_m - radius_m)))?;
         let rho_m = mean(samples.iter().map(|(_, rho_m, _)| *rho_m))?;
-        Some(InFormation { error_rms_m: square.sqrt(), rho_m, oscillation_m: oscillation_m(&samples) })
+        Some(OwnFigures { error_rms_m: square.sqrt(), rho_m, oscillation_m: oscillation_m(&samples) })
     }
 }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::Value;
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::message::{EventKind, Header, Message, Trace};
+use skein_common::message::{EventKind, Header, Message, Severity, Trace};
 use skein_common::scenario::{Formation, Scenario};
 use skein_common::state::Membership;
 
@@ -52,14 +52,14 @@ pub struct Channels<S> {
     numbers: Numbers,
     origin: Origin,
     ids: Vec<VehicleId>,
-    /// The formation of each step of the mission.
-    formations: Vec<Formation>,
+    /// The scenario as written, for the formation of each step of the mission.
+    scenario: Scenario,
     /// Log time at which each active member was last observed as one, ns.
     members: BTreeMap<VehicleId, u64>,
     /// The period of [`LOCATION_NS`] in which each vehicle's position on the globe was published last.
     located: BTreeMap<VehicleId, u64>,
-    /// The step whose formation was drawn last.
-    drawn: Option<u32>,
+    /// The formation that was drawn last.
+    drawn: Option<Formation>,
     /// Number of steps that were refused because of impossible values.
     refused: u64,
     bytes: Vec<u8>,
@@ -88,7 +88,7 @@ impl<S: Sink> Channels<S> {
             sink,
             origin: Origin::new(scenario.origin.geodetic()),
             ids: scenario.ids().collect(),
-            formations: scenario.mission.steps.iter().map(|step| step.formation.clone()).collect(),
+            scenario: scenario.clone(),
             members: BTreeMap::new(),
             located: BTreeMap::new(),
             drawn: None,
@@ -125,7 +125,7 @@ impl<S: Sink> Channels<S> {
     /// Publishes an event that a vehicle reported of itself, with the header of its message if it came over the network.
     pub fn event(&mut self, log_time_ns: u64, sender: VehicleId, header: Option<&Header>, what: &EventKind) {
         let text = what.to_string();
-        self.note(log_time_ns, matches!(what, EventKind::Failed(_)), format!("vehicle {sender}"), text.clone());
+        self.note(log_time_ns, what.severity(), format!("vehicle {sender}"), text.clone());
         let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
         let line = EventLine { vehicle: sender, incarnation, sequence, text: text.into(), what: *what };
         self.put_json(Some(self.numbers.events), log_time_ns, &line);
@@ -134,14 +134,14 @@ impl<S: Sink> Channels<S> {
     /// Publishes a fault that was injected into the swarm.
     pub fn fault(&mut self, log_time_ns: u64, fault: &InjectedFault) {
         let text = fault.to_string();
-        self.note(log_time_ns, true, "swarm".to_owned(), text.clone());
+        self.note(log_time_ns, Severity::Error, "swarm".to_owned(), text.clone());
         let line = FaultLine { vehicle: format::vehicle_of(fault), text: text.into(), what: Cow::Borrowed(fault) };
         self.put_json(Some(self.numbers.faults), log_time_ns, &line);
     }
 
     /// Publishes a line of the log, from source `who`.
-    pub fn note(&mut self, log_time_ns: u64, is_bad: bool, who: String, what: String) {
-        let line = || scene::line(scene::timestamp(log_time_ns), is_bad, who, what);
+    pub fn note(&mut self, log_time_ns: u64, severity: Severity, who: String, what: String) {
+        let line = || scene::line(scene::timestamp(log_time_ns), severity, who, what);
         self.put_foxglove(Some(self.numbers.log), log_time_ns, line);
     }
 
@@ -166,7 +166,7 @@ impl<S: Sink> Channels<S> {
     }
 
     /// Draws the centre by the estimate of the active member with the lowest id, and the formation there when it
-    /// changes.
+    /// changes, with the step or with what an operator sets.
     fn draw_formation(&mut self, log_time_ns: u64, trace: &Trace) {
         let id = trace.header.sender;
         match trace.membership {
@@ -177,13 +177,14 @@ impl<S: Sink> Channels<S> {
         if self.members.keys().next() != Some(&id) {
             return;
         }
-        let Some(formation) = self.formations.get(trace.step as usize) else { return };
+        let Some(formation) = self.scenario.formation_with(trace.step, &trace.settings) else { return };
         let time = scene::timestamp(log_time_ns);
         let centre = scene::centre_transform(time, trace.centre_ne_m, formation.altitude_m);
-        let drawing = (self.drawn != Some(trace.step)).then(|| scene::formation(time, formation));
+        let is_new = self.drawn.as_ref() != Some(&*formation);
+        let drawn = is_new.then(|| (scene::formation(time, &formation), formation.into_owned()));
         self.put_foxglove(Some(self.numbers.transforms), log_time_ns, || centre);
-        if let Some(drawing) = drawing {
-            self.drawn = Some(trace.step);
+        if let Some((drawing, formation)) = drawn {
+            self.drawn = Some(formation);
             self.put_foxglove(Some(self.numbers.formation), log_time_ns, || drawing);
         }
     }

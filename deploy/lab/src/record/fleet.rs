@@ -19,7 +19,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use skein_common::frame::PositionNed;
 use skein_common::id::{TeamId, VehicleId};
-use skein_common::message::EventKind;
+use skein_common::message::{EventKind, Severity};
 
 use super::draft::Draft;
 use super::format::{self, log_time_ns};
@@ -57,14 +57,17 @@ pub struct VehiclePlace {
     pub east_m: f64,
     /// Above the origin, m, to the decimetre.
     pub altitude_m: f64,
+    /// Whether it is in formation.
+    #[serde(default)]
+    pub in_place: bool,
 }
 
 impl VehiclePlace {
-    /// The vehicle at this mission step and place in the fleet's frame, so high above its team's origin.
-    pub fn new(id: VehicleId, step: u32, in_fleet: PositionNed, altitude_m: f64) -> Self {
+    /// The vehicle at this mission step and place in the fleet's frame, so high above its team's origin, in formation or not.
+    pub fn new(id: VehicleId, step: u32, in_fleet: PositionNed, altitude_m: f64, in_place: bool) -> Self {
         let decimetre = |metres: f64| (metres * 10.0).round() / 10.0;
         let (north_m, east_m) = (decimetre(in_fleet.north_m()), decimetre(in_fleet.east_m()));
-        Self { id, step, north_m, east_m, altitude_m: decimetre(altitude_m) }
+        Self { id, step, north_m, east_m, altitude_m: decimetre(altitude_m), in_place }
     }
 }
 
@@ -77,6 +80,9 @@ pub(super) struct TeamLine {
     pub(super) vehicle: Option<VehicleId>,
     /// What happened.
     pub(super) text: String,
+    /// How severe it is.
+    #[serde(default)]
+    pub(super) severity: Severity,
 }
 
 /// Writes a fleet's recording. That of a study appears when it is complete; a live one grows, and what was flushed can be
@@ -182,7 +188,8 @@ impl FleetWriter {
     /// # Errors
     /// If it cannot be written.
     pub fn event(&mut self, t_s: f64, team: TeamId, vehicle: VehicleId, what: &EventKind) -> Result<(), RecordError> {
-        self.put(self.events, t_s, &TeamLine { team, vehicle: Some(vehicle), text: what.to_string() })
+        let (vehicle, text, severity) = (Some(vehicle), what.to_string(), what.severity());
+        self.put(self.events, t_s, &TeamLine { team, vehicle, text, severity })
     }
 
     /// Records a fault that was injected into a team.
@@ -190,7 +197,8 @@ impl FleetWriter {
     /// # Errors
     /// If it cannot be written.
     pub fn fault(&mut self, t_s: f64, team: TeamId, fault: &InjectedFault) -> Result<(), RecordError> {
-        let line = TeamLine { team, vehicle: format::vehicle_of(fault), text: fault.to_string() };
+        let (vehicle, text) = (format::vehicle_of(fault), fault.to_string());
+        let line = TeamLine { team, vehicle, text, severity: Severity::Error };
         self.put(self.faults, t_s, &line)
     }
 
@@ -254,6 +262,7 @@ mod tests {
             north_m,
             east_m: -12.3,
             altitude_m: 30.0,
+            in_place: true,
         };
         let team = |team: u16, t_s: f64| TeamPlaces {
             team: TeamId::new(team).unwrap(),

@@ -15,7 +15,7 @@ use mcap::sans_io::indexed_reader::{IndexedReadEvent, IndexedReader, IndexedRead
 use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use mcap::{MAGIC, McapError, Summary};
 use skein_common::id::{TeamId, VehicleId, VehicleName};
-use skein_common::message::{EventKind, Trace};
+use skein_common::message::{EventKind, Severity, Trace};
 use skein_common::scenario::{Described, Source, load_any};
 
 use super::RecordError;
@@ -60,8 +60,8 @@ pub struct PlayedEvent {
     pub text: String,
     /// The event as data; `None` of a fault, and in a fleet's recording, which has only the text.
     pub what: Option<EventKind>,
-    /// Whether it is an injected fault.
-    pub is_fault: bool,
+    /// How severe it is; an injected fault is an error.
+    pub severity: Severity,
 }
 
 /// Where a vehicle of a fleet was at one time, with its velocity from place to place.
@@ -147,15 +147,18 @@ impl Player {
             let t_s = seconds_since(zero_ns, log_time_ns);
             let is_fault = topic == format::FAULTS;
             let event = if is_fleet {
-                let TeamLine { team, vehicle, text } = parse(topic, data)?;
+                let TeamLine { team, vehicle, text, severity } = parse(topic, data)?;
                 let vehicle = vehicle.map(|vehicle| VehicleName { team: Some(team), vehicle });
-                PlayedEvent { t_s, vehicle, text, what: None, is_fault }
+                let severity = if is_fault { Severity::Error } else { severity };
+                PlayedEvent { t_s, vehicle, text, what: None, severity }
             } else if is_fault {
                 let FaultLine { vehicle, text, .. } = parse(topic, data)?;
-                PlayedEvent { t_s, vehicle: vehicle.map(Into::into), text: text.into_owned(), what: None, is_fault }
+                let (vehicle, text) = (vehicle.map(Into::into), text.into_owned());
+                PlayedEvent { t_s, vehicle, text, what: None, severity: Severity::Error }
             } else {
                 let EventLine { vehicle, text, what, .. } = parse(topic, data)?;
-                PlayedEvent { t_s, vehicle: Some(vehicle.into()), text: text.into_owned(), what: Some(what), is_fault }
+                let (vehicle, text, severity) = (Some(vehicle.into()), text.into_owned(), what.severity());
+                PlayedEvent { t_s, vehicle, text, what: Some(what), severity }
             };
             events.push(event);
             Ok(events.len() < MAX_NOTED)

@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2};
 use skein_common::frame::{Attitude, Origin};
 use skein_common::id::VehicleId;
 use skein_common::math;
-use skein_common::message::Trace;
+use skein_common::message::{Severity, Trace};
 use skein_common::scenario::Formation;
 use skein_core::formation::{self, ring::Region};
 
@@ -179,8 +179,12 @@ fn ellipse(radius_m: f64, gamma: f64, heading_rad: f64) -> Vec<Point3> {
 }
 
 /// A line of the log: its source and its text.
-pub(super) fn line(time: Timestamp, is_bad: bool, who: String, what: String) -> Log {
-    let level = if is_bad { log::Level::Warning } else { log::Level::Info };
+pub(super) fn line(time: Timestamp, severity: Severity, who: String, what: String) -> Log {
+    let level = match severity {
+        Severity::Info => log::Level::Info,
+        Severity::Warning => log::Level::Warning,
+        Severity::Error => log::Level::Error,
+    };
     Log { timestamp: Some(time), level: level.into(), message: what, name: who, ..Log::default() }
 }
 

@@ -6,7 +6,7 @@ use std::io::{Seek, Write};
 use mcap::records::MessageHeader;
 use mcap::{Attachment, Compression, WriteOptions};
 use skein_common::id::VehicleId;
-use skein_common::message::{EventKind, Header, Trace};
+use skein_common::message::{EventKind, Header, Severity, Trace};
 use skein_common::scenario::Scenario;
 
 use super::RecordError;
@@ -86,8 +86,8 @@ impl<W: Write + Seek> Writer<W> {
     }
 
     /// Records a line of the log, from source `who`.
-    pub fn note(&mut self, log_time_ns: u64, is_bad: bool, who: String, what: String) {
-        self.channels.note(log_time_ns, is_bad, who, what);
+    pub fn note(&mut self, log_time_ns: u64, severity: Severity, who: String, what: String) {
+        self.channels.note(log_time_ns, severity, who, what);
     }
 
     /// Records the log time at which the figures' window begins, ns.

@@ -268,7 +268,8 @@ mod tests {
         let mut all = Vec::new();
         for t_s in 0..5 {
             for team in TeamId::first(teams) {
-                let place = |id| VehiclePlace { id, step: 0, north_m: at(), east_m: at(), altitude_m: 30.0 };
+                let place =
+                    |id| VehiclePlace { id, step: 0, north_m: at(), east_m: at(), altitude_m: 30.0, in_place: true };
                 all.push(TeamPlaces {
                     team,
                     t_s: f64::from(t_s),

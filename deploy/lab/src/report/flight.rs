@@ -11,11 +11,13 @@ mod marks;
 mod timeline;
 mod traces;
 
+use std::borrow::Cow;
+
 use nalgebra::Vector2;
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
 use skein_common::message::Trace;
-use skein_common::scenario::{Law, Preset, Scenario, Step as Leg, Target};
+use skein_common::scenario::{Formation, Law, Preset, Scenario, Step as Leg, Target};
 use skein_common::state::{Activity, Membership};
 
 pub(super) use marks::injected;
@@ -130,20 +132,33 @@ impl<'a> Flight<'a> {
 
     /// The active members that have not landed at this sample, by index, with their traces.
     fn members(&self, sample: usize) -> impl Iterator<Item = (usize, &'a Trace)> + '_ {
-        self.at(sample).filter(|(_, trace)| flies_in_formation(trace))
+        self.at(sample).filter(|(_, trace)| is_flying_member(trace))
+    }
+
+    /// The leading member at this sample: of those at the highest mission step the one with the lowest id.
+    fn leader(&self, sample: usize) -> Option<&'a Trace> {
+        self.members(sample)
+            .map(|(_, trace)| trace)
+            .reduce(|first, next| if next.step > first.step { next } else { first })
     }
 
     /// The highest mission step of a member at this sample.
     fn leading_step(&self, sample: usize) -> Option<u32> {
-        self.members(sample).map(|(_, trace)| trace.step).max()
+        self.leader(sample).map(|trace| trace.step)
+    }
+
+    /// The formation of the leading member at this sample, with the values that operators have set by then.
+    fn formation(&self, sample: usize) -> Option<Cow<'_, Formation>> {
+        let leader = self.leader(sample)?;
+        self.scenario().formation_with(leader.step, &leader.settings)
     }
 
     fn leg(&self, step: u32) -> Option<&Leg> {
         self.scenario().mission.steps.get(step as usize)
     }
 
-    /// The last sample at which the swarm flew in formation; the last of all samples if it never did.
-    fn last_in_formation(&self) -> Option<usize> {
+    /// The last sample at which the swarm flew a step of its mission that is no landing; the last of all samples if it never did.
+    fn last_flown(&self) -> Option<usize> {
         let flies = |sample: &usize| {
             let leg = self.leading_step(*sample).and_then(|step| self.leg(step));
             leg.is_some_and(|leg| !matches!(leg.target, Target::Land(_)))
@@ -153,8 +168,7 @@ impl<'a> Flight<'a> {
 
     /// The swarm's centre, north and east, m: the estimate of the leading member with the lowest id.
     fn centre_ne_m(&self, sample: usize) -> Option<[f64; 2]> {
-        let step = self.leading_step(sample)?;
-        self.members(sample).find(|(_, trace)| trace.step == step).map(|(_, trace)| trace.centre_ne_m)
+        self.leader(sample).map(|trace| trace.centre_ne_m)
     }
 
     /// Whether the mission has a single place for the formation.
@@ -242,6 +256,18 @@ impl<'a> Flight<'a> {
         ]
     }
 
+    /// A line over time of a value that operators may have changed: two points if it has always been the same.
+    fn level_over_time(&self, values: impl Iterator<Item = Option<f64>>) -> Vec<Vec<[f64; 2]>> {
+        let mut line = self.over_time(values);
+        for piece in &mut line {
+            let is_level = piece.windows(2).all(|pair| pair[0][1] == pair[1][1]);
+            if is_level && piece.len() > 2 {
+                piece.drain(1..piece.len() - 1);
+            }
+        }
+        line
+    }
+
     /// A line over time, with gaps where a value is missing.
     fn over_time(&self, values: impl Iterator<Item = Option<f64>>) -> Vec<Vec<[f64; 2]>> {
         pieces(self.times_s.iter().zip(values).map(|(t_s, value)| Some([*t_s, value?])))
@@ -249,7 +275,7 @@ impl<'a> Flight<'a> {
 }
 
 /// Whether the vehicle is an active member that has not landed.
-fn flies_in_formation(trace: &Trace) -> bool {
+fn is_flying_member(trace: &Trace) -> bool {
     trace.membership == Membership::Active && trace.activity != Activity::Landed
 }
 
@@ -280,14 +306,13 @@ pub(super) fn pieces(places: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<Vec<
 
 /// Level ρ of a member in the formation of its step, m: the radius of the similar ellipse through its position.
 fn level_m(scenario: &Scenario, trace: &Trace) -> Option<f64> {
-    let leg = scenario.mission.steps.get(trace.step as usize)?;
-    let centre = PositionNed::new(trace.centre_ne_m[0], trace.centre_ne_m[1], -leg.formation.altitude_m);
-    Some(Shape::new(leg).level_m(trace.position - centre))
+    let formation = scenario.formation_with(trace.step, &trace.settings)?;
+    let centre = PositionNed::new(trace.centre_ne_m[0], trace.centre_ne_m[1], -formation.altitude_m);
+    Some(Shape::of_formation(&formation).level_m(trace.position - centre))
 }
 
-/// The radii R_in, R*, R_out of a step's formation, m; `None` where its law does not define them.
-fn radii_m(leg: &Leg) -> [Option<f64>; 3] {
-    let formation = &leg.formation;
+/// The radii R_in, R*, R_out of a formation, m; `None` where its law does not define them.
+fn radii_m(formation: &Formation) -> [Option<f64>; 3] {
     let is_ring = formation.law == Law::Ring;
     let edge_m = |width_m: f64| is_ring.then_some(formation.radius_m + width_m);
     [edge_m(-formation.inner_width_m), Some(formation.radius_m), edge_m(formation.outer_width_m)]

@@ -2,7 +2,7 @@
 //! and after which fault.
 
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{EventKind, Trace};
+use skein_common::message::{Severity, Trace};
 use skein_common::scenario::{self, Source};
 use skein_common::state::Membership;
 
@@ -241,21 +241,7 @@ fn reported(recording: &Recording) -> Option<Line> {
     let mut reports: Vec<(f64, VehicleSet, String)> = Vec::new();
     for noted in &recording.noted {
         let NotedKind::Event(id, what) = &noted.what else { continue };
-        let is_shown = matches!(
-            what,
-            EventKind::Failed(_)
-                | EventKind::AllPeersLost
-                | EventKind::QuorumLost
-                | EventKind::OwnDataStale
-                | EventKind::SimulatorLost
-                | EventKind::SimulatorStopped(_)
-                | EventKind::SimulatorFault(_)
-                | EventKind::ControlFault
-                | EventKind::LawLost
-                | EventKind::PlanDiffers(_)
-                | EventKind::ForcedAdvance { .. }
-        );
-        if !is_shown {
+        if what.severity() < Severity::Warning {
             continue;
         }
         let text = what.to_string();

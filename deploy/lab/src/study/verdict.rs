@@ -7,8 +7,11 @@ use crate::scenario::ScenarioArgs;
 
 /// The verdict names at most this many seeds of one kind of failure.
 const MAX_SEEDS: usize = 8;
-/// The figures that have a value when every vehicle is in formation at the end of the run, as far as the formation has them.
+/// The figures that have a value when every vehicle is in formation at the end of the run: at its altitude, in the band, and at an
+/// even gap.
 const IN_FORMATION: [&str; 3] = ["at_altitude_s", "in_band_s", "even_10deg_s"];
+/// Beside each of them a figure that has a value only if the formation has such a thing as an altitude, a band or gaps.
+const HAS: [&str; 3] = ["altitude_rms_m", "in_band_s", "spacing_error_deg"];
 
 /// A way in which a run can fail, with the text after "4 of 100 runs".
 struct Failure {
@@ -128,10 +131,13 @@ pub(crate) fn achievements(runs: &[&Measured]) -> Vec<String> {
     for (key, what) in [("collisions", "no collision"), ("crashes", "no crash")] {
         results.extend(all_have(key).then(|| what.to_owned()));
     }
-    match IN_FORMATION.map(all_have) {
-        [_, _, true] | [_, true, _] => results.push("every vehicle in formation".to_owned()),
-        [true, ..] => results.push("every vehicle at its altitude".to_owned()),
-        _ => {}
+    let none_has = |key: &str| runs.iter().all(|run| run.outcome(key).is_none());
+    let is_in_band = all_have("in_band_s");
+    let is_in_formation = is_in_band && IN_FORMATION.iter().zip(HAS).all(|(key, has)| all_have(key) || none_has(has));
+    if is_in_formation {
+        results.push("every vehicle in formation".to_owned());
+    } else if all_have("at_altitude_s") {
+        results.push("every vehicle at its altitude".to_owned());
     }
     let steps = runs.iter().filter_map(|run| run.figures.get("setpoints_reached").copied().flatten());
     let mut steps: Vec<f64> = steps.collect();
@@ -228,6 +234,22 @@ mod tests {
     #[test]
     fn a_verdict_claims_only_what_was_measured() {
         assert_eq!(of(&[run(1, r#""max_tilt_deg":3.5"#)]), "seed 1: without a measured failure\n");
+        // A mission of several places names no figure that never came: even gaps without the band are no formation, nor is a band
+        // that is not kept at the altitude.
+        for (figures, claim) in [
+            (r#""at_altitude_s":9,"in_band_s":null,"even_10deg_s":30"#, "every vehicle at its altitude"),
+            (
+                r#""at_altitude_s":null,"altitude_rms_m":40,"in_band_s":9,"even_10deg_s":30"#,
+                "without a measured failure",
+            ),
+            (
+                r#""at_altitude_s":9,"in_band_s":9,"even_10deg_s":null,"spacing_error_deg":50"#,
+                "every vehicle at its altitude",
+            ),
+            (r#""at_altitude_s":null,"in_band_s":9,"even_10deg_s":null"#, "every vehicle in formation"),
+        ] {
+            assert_eq!(of(&[run(1, figures)]), format!("seed 1: {claim}\n"), "{figures}");
+        }
         let tour = [6, 7].map(|steps| run(steps, &format!("\"collisions\":0,\"setpoints_reached\":{steps}")));
         assert_eq!(of(&tour), "2 of 2 runs: no collision, 6 to 7 mission steps reached\n");
     }

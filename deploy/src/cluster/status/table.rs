@@ -5,6 +5,7 @@ use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use skein_common::id::TeamId;
 
 use super::{HealthReport, NodeStatus, SwarmStatus};
+use crate::display::status::shown_phase;
 
 /// Largest fleet whose nodes have a row each; beyond it, each team has one, as in the table of `fly`.
 const MAX_ROWS: usize = 16;
@@ -15,7 +16,7 @@ const HEADER: [&str; 14] = [
 ];
 /// What every column shows, its unit, and which values are bad.
 const LEGEND: [&str; 6] = [
-    "version: the release that runs   plant: what moves   phase: what the vehicle does   uptime: since its agent started",
+    "version: the release that runs   plant: what moves   phase: formation if in its place   uptime: since its agent started",
     "Hz: simulator frames per second   jitter: latest frame of the last second, ms; bad above a frame's period, 1000/Hz",
     "peers: in contact, of all others   age: of the oldest peer state, delay included, ms (> if a delay is unknown)",
     "clock ms: ahead of the swarm's clock, ± bound (! if more than 20 ms off; flight does not depend on it)",
@@ -82,6 +83,7 @@ fn worst(one: HealthReport, other: HealthReport) -> HealthReport {
         version: text(one.version, &other.version),
         plant: text(one.plant, &other.plant),
         phase: text(one.phase, &other.phase),
+        in_place_s: one.in_place_s.zip(other.in_place_s).map(|(one, other)| one.min(other)),
         frame_rate_hz: one.frame_rate_hz.min(other.frame_rate_hz),
         jitter_ms: one.jitter_ms.max(other.jitter_ms),
         peers_seen: one.peers_seen.min(other.peers_seen),
@@ -97,6 +99,7 @@ fn worst(one: HealthReport, other: HealthReport) -> HealthReport {
         sent_per_s: one.sent_per_s.max(other.sent_per_s),
         received_per_s: one.received_per_s.max(other.received_per_s),
         bytes_per_s: [0, 1].map(|way| one.bytes_per_s[way].max(other.bytes_per_s[way])),
+        unsent: one.unsent + other.unsent,
         refused: one.refused + other.refused,
         refusals: Vec::new(),
         uptime_s: one.uptime_s.min(other.uptime_s),
@@ -114,7 +117,7 @@ fn row(id: String, report: Option<&HealthReport>) -> [String; 14] {
         id,
         report.version.clone(),
         report.plant.clone(),
-        report.phase.clone(),
+        shown_phase(&report.phase, report.in_place_s).to_owned(),
         format!("{:.0}", report.frame_rate_hz),
         format!("{:.1}", report.jitter_ms),
         format!("{}/{}", report.peers_seen, report.peers),
@@ -161,6 +164,13 @@ fn notes(node: &NodeStatus) -> String {
             "node {id}: its clock is {:+.0} ms off; nothing in flight relies on it, but logs and recordings are read by it: \
              have it set by NTP (`timedatectl set-ntp true`)\n",
             report.clock_offset_ms.unwrap_or_default()
+        );
+    }
+    if report.unsent > 0 {
+        text += &format!(
+            "node {id} did not send {} of its events, traces and health reports: the network from it is too slow, or its PC too busy; \
+             fewer observers and a lower `record.hz` need less of both\n",
+            report.unsent
         );
     }
     for refusal in &report.refusals {

@@ -28,6 +28,7 @@ fn health(number: u8, ahead_s: f64) -> Health {
         header: Header { sender: id(number), incarnation: Incarnation(1), sequence: 1, stamp: SenderStamp::ZERO },
         uptime_s: 3725.4,
         activity: Activity::Formation,
+        in_place_s: Some(60.0),
         plant: "builtin".to_owned(),
         version: "0.1.0-1f2e3d4c5b6a".to_owned(),
         failures: Vec::new(),
@@ -38,6 +39,7 @@ fn health(number: u8, ahead_s: f64) -> Health {
         step_p99_us: 200.0,
         frame_overruns: 0,
         drops: Drops::default(),
+        unsent: 0,
         refused: Vec::new(),
         state_messages: 1,
         state_bytes: 1,
@@ -195,6 +197,34 @@ fn the_table_of_a_good_swarm_fits_the_screen() {
         "1:02:05",
     ];
     assert_eq!(messages, expected, "{text}");
+}
+
+#[test]
+fn a_node_in_the_phase_formation_that_is_not_in_its_place_is_under_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let reports = [1, 2, 3, 4].map(|id| Health { in_place_s: (id != 2).then_some(3.5), ..health(id, 0.0) });
+    let status = status(folder.path(), reports.into(), Duration::ZERO);
+    let text = table::of(&status, "cluster.toml");
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[2].contains(" under way ") && lines[3].contains(" formation "), "{text}");
+    let json = serde_json::to_value(&status).unwrap();
+    let said =
+        |nth: usize| (json["nodes"][nth]["said"]["phase"].clone(), json["nodes"][nth]["said"]["in_place_s"].clone());
+    assert_eq!(said(1), ("formation".into(), serde_json::Value::Null));
+    assert_eq!(said(2), ("formation".into(), 3.5.into()));
+}
+
+#[test]
+fn messages_that_were_not_sent_are_named_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut reports: Vec<Health> = (1..=4).map(|id| health(id, 0.0)).collect();
+    reports[2].unsent = 12;
+    let status = status(folder.path(), reports, Duration::ZERO);
+    let text = table::of(&status, "cluster.toml");
+    assert!(text.contains("node 3 did not send 12 of its events, traces and health reports: the network"), "{text}");
+    assert_eq!(text.matches("did not send").count(), 1, "{text}");
+    let json = serde_json::to_value(&status).unwrap();
+    assert_eq!((&json["nodes"][2]["said"]["unsent"], &json["nodes"][0]["said"]["unsent"]), (&12.into(), &0.into()));
 }
 
 #[test]

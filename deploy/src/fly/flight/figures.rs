@@ -35,7 +35,10 @@ impl Flight {
     pub(super) fn measure(&mut self, now: Instant) {
         let t_s = self.flown_s(now);
         self.ground.due(now).iter().for_each(|fault| self.fault(now, fault));
-        let vehicles: Vec<VehicleNow> = self.steps(now).map(vehicle_now).collect();
+        let steps: Vec<&Trace> = self.steps(now).collect();
+        let vehicles: Vec<VehicleNow> = steps.iter().copied().map(vehicle_now).collect();
+        let settings: Vec<_> = steps.iter().map(|step| (step.header.sender, step.settings.clone())).collect();
+        settings.iter().for_each(|(id, settings)| self.metrics.set_values(*id, settings));
         self.metrics.observe(t_s, &vehicles);
         let steps = self.observer.vehicles().values().filter_map(|seen| seen.trace.as_ref());
         let living = steps.filter(|step| self.ground.lives(step));

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use skein_common::id::VehicleSet;
-use skein_common::message::{Event, EventKind};
+use skein_common::message::{Event, EventKind, Severity};
 use skein_common::printable::printable;
 use skein_core::mission::landing;
 
@@ -20,7 +20,7 @@ const MAX_EVENT: usize = 400;
 impl Flight {
     /// Shows what this process did or found, and records it.
     pub(super) fn report_news(&mut self, now: Instant, what: String) {
-        self.record(|recorder| recorder.note(now, false, "fly", &what));
+        self.record(|recorder| recorder.note(now, Severity::Info, "fly", &what));
         self.show(now, what);
     }
 
@@ -75,7 +75,7 @@ impl Flight {
             self.report_news(now, sentence);
             return;
         }
-        self.record(|recorder| recorder.note(now, false, "fly", &sentence));
+        self.record(|recorder| recorder.note(now, Severity::Info, "fly", &sentence));
         self.stream(now, Line::Note { text: sentence });
         let several = match role {
             ProcessRole::Agent => how.clone(),

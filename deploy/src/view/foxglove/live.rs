@@ -7,6 +7,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Instant;
 
 use foxglove::websocket::Status;
+use skein_common::message::Severity;
 use skein_common::scenario::Described;
 use skein_host::clock::Utc;
 use skein_lab::error::Error;
@@ -74,10 +75,20 @@ impl Live {
                 channels.event(log_time_ns, event.header.sender, Some(&event.header), &event.what);
             }
             SwarmMessage::Appeared(id) => {
-                channels.note(log_time_ns, false, format!("vehicle {id}"), "its agent has appeared".to_owned());
+                channels.note(
+                    log_time_ns,
+                    Severity::Info,
+                    format!("vehicle {id}"),
+                    "its agent has appeared".to_owned(),
+                );
             }
             SwarmMessage::Vanished(id) => {
-                channels.note(log_time_ns, true, format!("vehicle {id}"), "its agent has disappeared".to_owned());
+                channels.note(
+                    log_time_ns,
+                    Severity::Error,
+                    format!("vehicle {id}"),
+                    "its agent has disappeared".to_owned(),
+                );
             }
             _ => {}
         }

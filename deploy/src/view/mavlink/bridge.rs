@@ -8,20 +8,21 @@ use mavlink::dialects::common::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, MISSION_ACK_DATA, MISSION_COUNT_DATA, MavCmd, MavMessage,
     MavMissionResult, MavMissionType, MavParamType, MavProtocolCapability, MavResult, MavSeverity, PARAM_VALUE_DATA,
 };
+use ring::digest::{SHA256, digest};
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleName;
-use skein_common::message::{Failure, Verb};
+use skein_common::message::{EventKind, Failure, Severity, Verb};
 use skein_common::scenario::Target;
 use skein_common::state::Activity;
 
 use super::commands::{Command, Meaning, Wanted};
 use super::frames::COMPONENT;
-use super::{AUTOPILOT_VERSION, modes, telemetry};
+use super::{AUTOPILOT_VERSION, telemetry};
 use crate::sample::VehicleSample;
 use crate::view::snapshot::{ObservedVehicle, Team};
 
-/// Largest number of vehicles: system ids above belong to ground systems.
-pub(super) const MOST_VEHICLES: usize = 250;
+/// Last system id of a vehicle: those above belong to ground systems.
+pub(super) const LAST_SYSTEM: u8 = 250;
 /// Name of the only parameter of a vehicle: its system id.
 const PARAMETER: &str = "MAV_SYS_ID";
 /// Number of the message with the home position.
@@ -66,15 +67,33 @@ pub(super) struct Bridge {
     next_text: u16,
 }
 
+/// The system ids of a swarm: those from 1 on, moved by an offset that the operator gives, so that a ground station can tell the
+/// vehicles of two swarms apart.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SystemIds {
+    /// The system id of the first vehicle less 1.
+    pub(super) offset: u8,
+}
+
+impl SystemIds {
+    /// Number of vehicles that have a system id.
+    pub(super) fn count(self) -> usize {
+        LAST_SYSTEM.saturating_sub(self.offset).into()
+    }
+}
+
 /// What is known of one vehicle, and what was sent of it.
 struct System {
     name: VehicleName,
+    uid: [u8; UID],
     origin: Origin,
     home: Geodetic,
     /// The last step of the mission that lands.
     landing_step: Option<u32>,
     activity: Option<Activity>,
     step: u32,
+    /// The step in which the vehicle was last reported to be in formation.
+    placed: Option<u32>,
     failures: Vec<Failure>,
     /// When the newest summary arrived.
     arrived: Option<Duration>,
@@ -85,10 +104,11 @@ struct System {
 }
 
 impl Bridge {
-    /// A swarm, or the teams of a fleet. In a swarm the system id is the vehicle's id; in a fleet vehicles are numbered through.
-    pub(super) fn new(teams: &[Team], takes_orders: bool) -> Self {
+    /// A swarm, or the teams of a fleet. In a swarm the system id is the vehicle's id and the offset; in a fleet vehicles are
+    /// numbered through.
+    pub(super) fn new(teams: &[Team], takes_orders: bool, ids: SystemIds) -> Self {
         let systems = teams.iter().flat_map(|team| team.scenario.ids().map(|id| System::new(team, team.name(id))));
-        let vehicles: BTreeMap<u8, System> = (1..).zip(systems.take(MOST_VEHICLES)).collect();
+        let vehicles: BTreeMap<u8, System> = (ids.offset + 1..=LAST_SYSTEM).zip(systems).collect();
         let systems = vehicles.iter().map(|(system, vehicle)| (vehicle.name, *system)).collect();
         Self { vehicles, systems, takes_orders, next_text: 1 }
     }
@@ -106,6 +126,18 @@ impl Bridge {
             }
         }
         messages
+    }
+
+    /// The text about an event of a vehicle; none about what goes as it should, or about a failure, which the vehicle's summary
+    /// has.
+    pub(super) fn event(&mut self, name: VehicleName, text: &str, severity: Severity) -> Vec<Outgoing> {
+        let is_failure = Failure::ALL.iter().any(|failure| failure.to_string() == text);
+        let Some(system) = self.systems.get(&name).copied().filter(|_| severity > Severity::Info && !is_failure) else {
+            return Vec::new();
+        };
+        let text = format!("vehicle {name}: {text}");
+        let texts = telemetry::text(telemetry::severity(severity), &text, count(&mut self.next_text));
+        texts.into_iter().map(|message| (system, message)).collect()
     }
 
     /// What follows from a message of a ground station.
@@ -172,11 +204,13 @@ impl System {
         let landing_step = steps.iter().rposition(|step| lands(&step.target)).and_then(|nth| u32::try_from(nth).ok());
         Self {
             name,
+            uid: uid(team.scenario.swarm.name.as_str(), name),
             origin: Origin::new(home),
             home,
             landing_step,
             activity: None,
             step: 0,
+            placed: None,
             failures: Vec::new(),
             arrived: None,
             next_heartbeat: Duration::ZERO,
@@ -212,13 +246,24 @@ impl System {
             self.next_hud = now + HUD;
             messages.push(telemetry::hud(sample, &self.origin));
         }
-        if has_changed {
-            let text = format!("vehicle {}: {}", self.name, sample.activity);
+        let is_placed = sample.in_place_s.is_some();
+        let doing = match sample.activity {
+            // Whether it is in formation is a question of its place.
+            Activity::Formation if is_placed => {
+                (self.placed.replace(sample.step) != Some(sample.step)).then(|| "in formation".to_owned())
+            }
+            Activity::Formation => has_changed.then(|| "under way to its place in the formation".to_owned()),
+            activity => has_changed.then(|| activity.to_string()),
+        };
+        self.placed = self.placed.filter(|_| sample.activity == Activity::Formation);
+        if let Some(doing) = doing {
+            let text = format!("vehicle {}: {doing}", self.name);
             messages.extend(telemetry::text(MavSeverity::MAV_SEVERITY_INFO, &text, count(next_text)));
         }
         for failure in sample.failures.iter().filter(|failure| !self.failures.contains(failure)) {
             let text = format!("vehicle {}: {failure}", self.name);
-            messages.extend(telemetry::text(MavSeverity::MAV_SEVERITY_CRITICAL, &text, count(next_text)));
+            let severity = telemetry::severity(EventKind::Failed(*failure).severity());
+            messages.extend(telemetry::text(severity, &text, count(next_text)));
         }
         (self.activity, self.step) = (Some(sample.activity), sample.step);
         self.failures.clone_from(&sample.failures);
@@ -240,9 +285,6 @@ impl System {
             Meaning::Order(wanted) => wanted,
             Meaning::Send(AUTOPILOT_VERSION | HOME_POSITION) => return accepted,
             Meaning::Send(_) | Meaning::Unsupported => return (MavResult::MAV_RESULT_UNSUPPORTED, None, None),
-            Meaning::Arm(arm) if self.activity.is_some_and(|activity| modes::is_armed(activity) == arm) => {
-                return accepted;
-            }
             Meaning::Arm(true) => return denied("the agent starts the rotor when the swarm takes off"),
             Meaning::Arm(false) => return denied("the agent stops the rotor after landing: order it to land"),
             Meaning::Refused(why) => return denied(why),
@@ -285,12 +327,26 @@ impl System {
                 capabilities: MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
                     | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_COMMAND_INT
                     | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+                uid: u64::from_le_bytes(std::array::from_fn(|nth| self.uid[nth])),
+                uid2: self.uid,
                 ..AUTOPILOT_VERSION_DATA::DEFAULT
             })),
             HOME_POSITION => Some(telemetry::home(&self.home)),
             _ => None,
         }
     }
+}
+
+/// Length of a unit id, bytes.
+const UID: usize = 18;
+
+/// The unit id of a vehicle: always the same for the same vehicle of the same swarm, and different for any two others.
+fn uid(swarm: &str, vehicle: VehicleName) -> [u8; UID] {
+    let digest = digest(&SHA256, format!("skein {swarm} {vehicle}").as_bytes());
+    let mut uid = std::array::from_fn(|nth| digest.as_ref()[nth]);
+    // Zero means unknown.
+    uid[0] |= 1;
+    uid
 }
 
 /// System and component that a request is for; `None` for any other message.

@@ -37,7 +37,7 @@ pub(super) enum Meaning {
     Order(Wanted),
     /// To send a message of this number.
     Send(u32),
-    /// To start or stop the rotor.
+    /// To start or stop the rotor, which only the vehicle's agent does.
     Arm(bool),
     /// To do what a vehicle of a swarm does not do; the reason.
     Refused(&'static str),
@@ -93,7 +93,10 @@ impl Command {
             MavCmd::MAV_CMD_NAV_TAKEOFF | MavCmd::MAV_CMD_MISSION_START => Meaning::Order(Wanted::Continue),
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Meaning::Order(Wanted::Return),
             MavCmd::MAV_CMD_DO_PAUSE_CONTINUE if first == 0.0 => Meaning::Order(Wanted::Hold),
-            MavCmd::MAV_CMD_DO_PAUSE_CONTINUE => Meaning::Order(Wanted::Continue),
+            MavCmd::MAV_CMD_DO_PAUSE_CONTINUE if first == 1.0 => Meaning::Order(Wanted::Continue),
+            MavCmd::MAV_CMD_DO_PAUSE_CONTINUE => {
+                Meaning::Refused("its first parameter is 0 to pause and 1 to continue")
+            }
             // Without a place: stay. This is how QGroundControl pauses a vehicle of PX4.
             MavCmd::MAV_CMD_DO_REPOSITION if fifth.is_nan() && sixth.is_nan() => Meaning::Order(Wanted::Hold),
             MavCmd::MAV_CMD_DO_REPOSITION => {

@@ -13,7 +13,7 @@ use skein_lab::error::Error;
 use skein_lab::terminal::complain;
 use tokio::sync::watch;
 
-use super::bridge::{Bridge, MOST_VEHICLES, Outgoing, Requested};
+use super::bridge::{Bridge, LAST_SYSTEM, Outgoing, Requested, SystemIds};
 use super::frames::Frames;
 use crate::order::{self, Chosen};
 use crate::reach::Place;
@@ -36,11 +36,12 @@ pub(in crate::view) struct Station {
     socket: UdpSocket,
     codec: Frames,
     takes_orders: bool,
+    ids: SystemIds,
 }
 
 impl Station {
     /// Opens the socket of the ground station at this address.
-    pub(super) fn open(address: SocketAddr, codec: Frames, takes_orders: bool) -> Result<Self, Error> {
+    pub(super) fn open(address: SocketAddr, codec: Frames, takes_orders: bool, ids: SystemIds) -> Result<Self, Error> {
         let failed = |error: std::io::Error| Error::Failed(format!("--mavlink {address}: {error}"));
         let own: SocketAddr = match address {
             SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
@@ -50,7 +51,7 @@ impl Station {
         // Nothing is received from other addresses.
         socket.connect(address).map_err(failed)?;
         socket.set_read_timeout(Some(WAIT)).map_err(failed)?;
-        Ok(Self { socket, codec, takes_orders })
+        Ok(Self { socket, codec, takes_orders, ids })
     }
 
     /// Serves the ground station on threads of its own, until the process ends.
@@ -58,7 +59,8 @@ impl Station {
         let (requests, requested) = channel();
         let (results, ordered) = channel();
         thread::spawn(move || give_orders(&requested, &results));
-        let mut edge = Edge { station: self, frames, bridge: None, requests, ordered, began: clock::now() };
+        let mut edge =
+            Edge { station: self, frames, bridge: None, next_event: 0, requests, ordered, began: clock::now() };
         thread::spawn(move || edge.serve());
     }
 }
@@ -68,6 +70,8 @@ struct Edge {
     frames: watch::Receiver<Arc<Frame>>,
     /// The swarm with this number, once one was found.
     bridge: Option<(u64, Bridge)>,
+    /// Number of the next event that the ground station has not been sent.
+    next_event: u64,
     requests: Sender<ToGive>,
     ordered: Receiver<Ordered>,
     began: Instant,
@@ -132,16 +136,24 @@ impl Edge {
         let (Some((_, number)), Some((teams, observed))) = (&frame.hello, frame.observed()) else { return };
         if self.bridge.as_ref().is_none_or(|(known, _)| known != number) {
             let count: usize = teams.iter().map(|team| team.scenario.ids().count()).sum();
-            if count > MOST_VEHICLES {
+            let ids = self.station.ids;
+            if count > ids.count() {
                 complain(&format!(
-                    "--mavlink: {MOST_VEHICLES} of {count} vehicles are shown: MAVLink has no more system ids"
+                    "--mavlink: {} of {count} vehicles are shown: MAVLink has no system ids above {LAST_SYSTEM} for more",
+                    ids.count()
                 ));
             }
-            self.bridge = Some((*number, Bridge::new(teams, self.station.takes_orders)));
+            self.bridge = Some((*number, Bridge::new(teams, self.station.takes_orders, ids)));
+            // What happened before is past.
+            self.next_event = frame.events.count();
         }
         let now = clock::now().saturating_duration_since(self.began);
-        let messages = self.bridge.as_mut().map(|(_, bridge)| bridge.step(now, teams, observed));
-        self.send(messages.unwrap_or_default());
+        let Some((_, bridge)) = &mut self.bridge else { return };
+        let mut messages = bridge.step(now, teams, observed);
+        let (events, next) = frame.events.reported_since(self.next_event);
+        self.next_event = next;
+        messages.extend(events.iter().flat_map(|(vehicle, text, severity)| bridge.event(*vehicle, text, *severity)));
+        self.send(messages);
     }
 
     fn send(&mut self, messages: Vec<Outgoing>) {

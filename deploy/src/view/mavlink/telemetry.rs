@@ -7,6 +7,7 @@ use mavlink::dialects::common::{
 };
 use skein_common::frame::{Convergence, Geodetic, Origin};
 use skein_common::math;
+use skein_common::message::Severity;
 
 use super::modes::{self, Mode};
 use crate::sample::VehicleSample;
@@ -99,6 +100,15 @@ pub(super) fn home(home: &Geodetic) -> MavMessage {
         q: [f32::NAN; 4],
         ..HOME_POSITION_DATA::DEFAULT
     })
+}
+
+/// The severity of an event.
+pub(super) fn severity(severity: Severity) -> MavSeverity {
+    match severity {
+        Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
+        Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
+        Severity::Error => MavSeverity::MAV_SEVERITY_CRITICAL,
+    }
 }
 
 /// A text, in pieces if it is long; `number` separates the pieces of one text from those of another, and is not 0.

@@ -3,19 +3,19 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::time::Duration;
 
-use mavlink::MavHeader;
 use mavlink::dialects::common::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_REQUEST_LIST_DATA, MavCmd, MavFrame, MavMessage, MavMissionType,
-    MavModeFlag, MavResult, PARAM_REQUEST_LIST_DATA, SET_MODE_DATA,
+    MavModeFlag, MavResult, MavSeverity, PARAM_REQUEST_LIST_DATA, SET_MODE_DATA,
 };
+use mavlink::{MavHeader, MavlinkVersion, MessageData};
 use proptest::prelude::*;
 use skein_common::frame::{Attitude, Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::VehicleId;
-use skein_common::message::{Failure, Verb};
+use skein_common::message::{EventKind, Failure, Verb};
 use skein_common::scenario::{Source, load, load_any};
 use skein_common::state::{Activity, Membership};
 
-use super::bridge::{Bridge, Outgoing, Reaction};
+use super::bridge::{Bridge, Outgoing, Reaction, SystemIds};
 use super::frames::{self, Frames};
 use super::modes::Mode;
 use super::telemetry;
@@ -34,6 +34,8 @@ fn sample(activity: Activity) -> VehicleSample {
         membership: Membership::Active,
         step: 1,
         reached: None,
+        in_place_s: None,
+        settings: Vec::new(),
         live: 4,
         position: PositionNed::new(100.0, -50.0, -30.0),
         velocity: VelocityNed(nalgebra::Vector3::new(1.5, -2.0, -0.25)),
@@ -62,7 +64,7 @@ fn observed(team: &Team, silent: Duration, sample: &VehicleSample) -> Vec<Observ
 /// A bridge that has observed the vehicles of the tour in this activity.
 fn bridge(activity: Activity, takes_orders: bool) -> Bridge {
     let teams = [team(TOUR)];
-    let mut bridge = Bridge::new(&teams, takes_orders);
+    let mut bridge = Bridge::new(&teams, takes_orders, SystemIds::default());
     bridge.step(Duration::from_secs(1), &teams, &[observed(&teams[0], Duration::ZERO, &sample(activity))]);
     bridge
 }
@@ -195,7 +197,7 @@ fn a_mode_has_the_numbers_of_px4_and_only_a_vehicle_off_the_ground_is_armed() {
 #[test]
 fn a_summary_is_sent_once_and_a_silent_vehicle_sends_nothing() {
     let teams = [team(TOUR)];
-    let mut bridge = Bridge::new(&teams, false);
+    let mut bridge = Bridge::new(&teams, false, SystemIds::default());
     let mut step = |now_ms: u64, silent_ms: u64, sample: &VehicleSample| {
         let observed = [observed(&teams[0], Duration::from_millis(silent_ms), sample)];
         bridge.step(Duration::from_millis(now_ms), &teams, &observed)
@@ -207,11 +209,18 @@ fn a_summary_is_sent_once_and_a_silent_vehicle_sends_nothing() {
     let mut flying = sample(Activity::Formation);
     let first = step(1_000, 10, &flying);
     assert_eq!((count(&first, is_position), count(&first, is_heartbeat)), (4, 4));
-    assert!(texts(&first).contains("vehicle 3: formation"), "{}", texts(&first));
+    assert!(texts(&first).contains("vehicle 3: under way to its place in the formation"), "{}", texts(&first));
     assert_eq!(step(1_050, 60, &flying), [], "the same summary");
     let next = step(1_100, 0, &flying);
     assert_eq!((count(&next, is_position), count(&next, is_heartbeat)), (4, 0));
     assert_eq!(count(&step(2_000, 0, &flying), is_heartbeat), 4);
+    // A phase is no place: the vehicle is in formation once it is there, and that is said once in a step.
+    flying.in_place_s = Some(0.0);
+    assert_eq!(texts(&step(2_010, 0, &flying)).matches(": in formation").count(), 4);
+    flying.in_place_s = None;
+    assert_eq!(texts(&step(2_030, 0, &flying)), "");
+    flying.in_place_s = Some(1.0);
+    assert_eq!(texts(&step(2_050, 0, &flying)), "");
     // A change is sent at once, with its text; a failure is named once.
     flying.activity = Activity::Landing;
     flying.failures = vec![Failure::Engine];
@@ -332,7 +341,7 @@ fn every_way_to_give_an_order_is_understood() {
     // No order without a vehicle's id, and none that a mission does not have.
     assert_eq!(verb(flying, &command(0, MavCmd::MAV_CMD_NAV_LAND, 0.0)), None);
     let teams = [team("swarm.vehicles = 1")];
-    let mut hover = Bridge::new(&teams, true);
+    let mut hover = Bridge::new(&teams, true, SystemIds::default());
     let refused = hover.receive(STATION, &command(1, MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, 0.0));
     assert_eq!((results(&refused.answers), refused.order), (vec![(1, MavResult::MAV_RESULT_DENIED)], None));
     assert!(texts(&refused.answers).contains("no step of its mission lands"), "{}", texts(&refused.answers));
@@ -349,13 +358,124 @@ fn without_orders_every_order_is_denied_with_the_reason() {
 }
 
 #[test]
+fn no_ground_station_starts_or_stops_a_rotor_whatever_the_rotor_does() {
+    for activity in [Activity::Joining, Activity::TakingOff, Activity::Formation, Activity::Landed] {
+        for (takes_orders, first) in [(false, 0.0), (false, 1.0), (true, 0.0), (true, 1.0), (true, f32::NAN)] {
+            let mut bridge = bridge(activity, takes_orders);
+            let arm = command(2, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, first);
+            let Reaction { answers, order } = bridge.receive(STATION, &arm);
+            assert_eq!(
+                (results(&answers), order),
+                (vec![(2, MavResult::MAV_RESULT_DENIED)], None),
+                "{activity} {first}"
+            );
+            assert!(texts(&answers).contains("the agent st"), "{}", texts(&answers));
+        }
+    }
+}
+
+/// What the book's table has no line for is denied with a text, or unsupported; nothing is accepted without being done.
+#[test]
+fn every_other_command_is_refused() {
+    let known = [
+        MavCmd::MAV_CMD_NAV_LAND,
+        MavCmd::MAV_CMD_NAV_LOITER_UNLIM,
+        MavCmd::MAV_CMD_NAV_TAKEOFF,
+        MavCmd::MAV_CMD_MISSION_START,
+        MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        MavCmd::MAV_CMD_DO_PAUSE_CONTINUE,
+        MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
+    ];
+    // The parameters, the number, the system, the component and the count of repetitions.
+    let named = |number: u16| {
+        let payload = [&[0; 28][..], &number.to_le_bytes(), &[1, 1, 0]].concat();
+        COMMAND_LONG_DATA::deser(MavlinkVersion::V2, &payload).ok().map(|long| long.command)
+    };
+    let mut count = 0;
+    for number in (0..=u16::MAX).filter_map(named).filter(|number| !known.contains(number)) {
+        for first in [0.0, 1.0, 7.0, f32::NAN] {
+            let mut bridge = bridge(Activity::Formation, true);
+            let Reaction { answers, order } = bridge.receive(STATION, &command(1, number, first));
+            let result = results(&answers);
+            let is_refused = [MavResult::MAV_RESULT_DENIED, MavResult::MAV_RESULT_UNSUPPORTED]
+                .iter()
+                .any(|refusal| result == [(1, *refusal)]);
+            assert!(is_refused && order.is_none(), "{number:?} {first}: {result:?}");
+            let is_denied = result == [(1, MavResult::MAV_RESULT_DENIED)];
+            assert_eq!(is_denied, !texts(&answers).is_empty(), "{number:?}: a denial has its reason");
+        }
+        count += 1;
+    }
+    assert!(count > 100, "{count} commands");
+    let unclear = command(1, MavCmd::MAV_CMD_DO_PAUSE_CONTINUE, f32::NAN);
+    let Reaction { answers, order } = bridge(Activity::Holding, true).receive(STATION, &unclear);
+    assert_eq!((results(&answers), order), (vec![(1, MavResult::MAV_RESULT_DENIED)], None));
+}
+
+#[test]
+fn an_offset_moves_all_system_ids_and_a_unit_id_stays_with_its_vehicle() {
+    let uid = |name: &str, offset: u8, system: u8| {
+        let teams = [team(&format!("swarm.name = \"{name}\"\nswarm.vehicles = 4"))];
+        let mut bridge = Bridge::new(&teams, true, SystemIds { offset });
+        let sent = bridge.step(
+            Duration::from_secs(1),
+            &teams,
+            &[observed(&teams[0], Duration::ZERO, &sample(Activity::Formation))],
+        );
+        let systems: std::collections::BTreeSet<u8> = sent.iter().map(|(system, _)| *system).collect();
+        assert_eq!(systems, (offset + 1..=offset + 4).collect());
+        let nobody = if offset == 0 { 5 } else { offset };
+        let land = |system| bridge.receive(STATION, &command(system, MavCmd::MAV_CMD_NAV_LAND, 0.0)).order;
+        let orders = [system, nobody].map(land).map(|order| order.map(|order| order.vehicle.vehicle.get()));
+        assert_eq!(orders, [Some(system - offset), None]);
+        let list = PARAM_REQUEST_LIST_DATA { target_system: system, target_component: 1 };
+        let answers = bridge.receive(STATION, &MavMessage::PARAM_REQUEST_LIST(list)).answers;
+        let [(_, MavMessage::PARAM_VALUE(value))] = answers.as_slice() else { panic!("{answers:?}") };
+        assert_eq!(value.param_value, f32::from(system), "MAV_SYS_ID");
+        let answers = bridge.receive(STATION, &command(system, MavCmd::MAV_CMD_REQUEST_MESSAGE, 148.0)).answers;
+        let [_, (_, MavMessage::AUTOPILOT_VERSION(version))] = answers.as_slice() else { panic!("{answers:?}") };
+        assert_eq!(version.uid.to_le_bytes(), version.uid2[..8]);
+        assert_ne!(version.uid, 0);
+        version.uid2
+    };
+    assert_eq!(uid("red", 0, 2), uid("red", 100, 102));
+    let different = [uid("red", 0, 2), uid("red", 0, 3), uid("blue", 0, 2), uid("blue", 200, 203)];
+    assert_eq!(different.iter().collect::<std::collections::BTreeSet<_>>().len(), 4);
+    let two = [team("swarm.vehicles = 4")];
+    let mut last = Bridge::new(&two, true, SystemIds { offset: 248 });
+    let sent =
+        last.step(Duration::from_secs(1), &two, &[observed(&two[0], Duration::ZERO, &sample(Activity::Formation))]);
+    let systems: std::collections::BTreeSet<u8> = sent.iter().map(|(system, _)| *system).collect();
+    assert_eq!((systems, SystemIds { offset: 248 }.count()), ([249, 250].into(), 2));
+}
+
+#[test]
+fn events_are_texts_of_their_severity() {
+    let mut bridge = bridge(Activity::Formation, false);
+    let name = VehicleId::new(3).unwrap().into();
+    let mut severity = |what: EventKind| {
+        let sent = bridge.event(name, &what.to_string(), what.severity());
+        let of = |(system, message): &Outgoing| match message {
+            MavMessage::STATUSTEXT(text) => (*system, text.severity),
+            _ => panic!("{message:?}"),
+        };
+        sent.first().map(of)
+    };
+    assert_eq!(severity(EventKind::AllPeersLost), Some((3, MavSeverity::MAV_SEVERITY_CRITICAL)));
+    assert_eq!(severity(EventKind::OwnDataStale), Some((3, MavSeverity::MAV_SEVERITY_CRITICAL)));
+    assert_eq!(severity(EventKind::LandingWaits), Some((3, MavSeverity::MAV_SEVERITY_WARNING)));
+    assert_eq!(severity(EventKind::Landed), None, "as it should be");
+    assert_eq!(severity(EventKind::Failed(Failure::Engine)), None, "the summary has the failure");
+}
+
+#[test]
 fn vehicles_of_a_fleet_are_numbered_through_up_to_250() {
     let text = "swarm.vehicles = 100\nstart.square_m = 400\nformation.radius_m = 1200\n[fleet]\nteams = 3\n";
     let described = load_any(&Source { name: "x", text }, &[]).unwrap();
     let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
     let observed: Vec<_> =
         teams.iter().map(|team| observed(team, Duration::ZERO, &sample(Activity::Formation))).collect();
-    let mut bridge = Bridge::new(&teams, true);
+    let mut bridge = Bridge::new(&teams, true, SystemIds::default());
     let sent = bridge.step(Duration::from_secs(1), &teams, &observed);
     let systems: std::collections::BTreeSet<u8> = sent.iter().map(|(system, _)| *system).collect();
     assert_eq!((systems.first(), systems.last(), systems.len()), (Some(&1), Some(&250), 250));

@@ -2,6 +2,7 @@
 
 import { byId, element, setText, show } from "./dom.js";
 import * as format from "./format.js";
+import { doing } from "./frame.js";
 import { ageKind } from "./reception.js";
 
 const DEGREES = 180 / Math.PI;
@@ -29,6 +30,9 @@ const LINES = [
   ["energy", "share of the battery, or of the tank, that is left", ({ energy_left }) => (
     Number.isFinite(energy_left) ? `${format.number(energy_left * 100)} % left` : "–"
   )],
+  ["in formation", "for how long it has been at its altitude and in its place", ({ in_place_s }) => (
+    Number.isFinite(in_place_s) ? `for ${format.number(in_place_s)} s` : "no"
+  )],
   ["agent", "duration of a step: 99 of 100 are shorter", ({ step_p99_us }) => `step p99 ${format.number(step_p99_us)} µs`],
 ];
 
@@ -53,7 +57,7 @@ export class Detail {
     const vehicle = only === null ? null : frame.vehicle(only);
     show(this.card, Boolean(vehicle));
     if (!vehicle) return;
-    const state = vehicle.contact === false ? `silent ${format.age(1000 * vehicle.silent_s)}, dead-reckoned` : vehicle.phase;
+    const state = vehicle.contact === false ? `silent ${format.age(1000 * vehicle.silent_s)}, dead-reckoned` : doing(vehicle);
     setText(this.title, `Vehicle ${vehicle.id}: ${state ?? "–"}`);
     for (const [name, , of] of LINES) setText(this.texts.get(name), of(vehicle));
     this.drawPeers(frame, swarm, only);

@@ -28,6 +28,9 @@ export class Frame {
     this.teams = snapshot.teams ?? null;
     const known = (snapshot.vehicles ?? []).filter((vehicle) => swarm.index.has(String(vehicle.id)));
     this.rows = known;
+    /** Distance that the safety filter keeps at that time, m: an operator may have changed it in flight. */
+    this.isTuned = known.some(({ formation }) => formation);
+    this.safety_m = known.find(({ formation }) => formation)?.formation.safety_distance_m ?? swarm.safety_m;
     /** Places in the swarm of those with details: all of a small swarm. */
     this.members = Int32Array.from(known, ({ id }) => swarm.index.get(String(id)));
     this.readLinks(swarm, known);
@@ -186,11 +189,17 @@ function distancesFromMiddle(frame, swarm) {
   return distances;
 }
 
+/** What the vehicle does: its phase, and in the phase formation whether it is in its place. */
+export function doing({ phase, in_place_s }) {
+  if (phase !== "formation") return phase ?? "–";
+  return Number.isFinite(in_place_s) ? phase : "under way";
+}
+
 function flagsOf(vehicle) {
   const flags = [
     [vehicle.contact, CONTACT],
     [vehicle.membership === "active", ACTIVE],
-    [vehicle.phase === "formation" || vehicle.phase === "landed", AT_PLACE],
+    [Number.isFinite(vehicle.in_place_s) || vehicle.phase === "landed", AT_PLACE],
     [vehicle.failures?.length > 0, FAILED],
     [vehicle.phase === "landed", LANDED],
   ];

@@ -77,7 +77,7 @@ export function drawTeams(context, camera, frame, swarm) {
   const seen = [];
   swarm.teams.forEach((team, at) => {
     const own = reported.get(team.id);
-    const formation = swarm.formation(at, own?.step ?? 0);
+    const formation = own?.formation ?? swarm.formation(at, own?.step ?? 0);
     const centre = own?.centre_ne_m ?? teamCentre(frame, team);
     const radius = (formation?.radius_m ?? 0) / camera.m_px;
     if (centre && camera.sees(centre[0], centre[1], radius)) seen.push({ team, formation, centre, radius });

@@ -49,7 +49,7 @@ export function drawTrails(context, camera, history, frame, swarm, selected) {
 
 /** Draws the nearest pair, and every pair nearer than 1.5 times the safety distance, coloured against the limits. */
 export function drawSeparations(context, camera, frame, swarm) {
-  const limit = swarm.safety_m ?? 2 * swarm.collision_m;
+  const limit = frame.safety_m ?? 2 * swarm.collision_m;
   const { members } = frame;
   let nearest = null;
   const close = [];
@@ -68,7 +68,7 @@ export function drawSeparations(context, camera, frame, swarm) {
   context.textAlign = "center";
   context.textBaseline = "middle";
   for (const [distance, a, b] of close.slice(0, 60)) {
-    const level = separationLevel(distance, swarm);
+    const level = separationLevel(distance, swarm, frame);
     context.strokeStyle = { ok: colours.muted, warn: colours.warn, bad: colours.bad }[level];
     context.lineWidth = level === "ok" ? 1 : 3;
     context.setLineDash(level === "ok" ? [1, 4] : []);
@@ -94,11 +94,11 @@ export function separation(frame, a, b) {
   );
 }
 
-/** How a separation is against the limits of collision and safety. */
-export function separationLevel(distance, swarm) {
+/** How a separation is against the limits of collision and safety at the time of the picture. */
+export function separationLevel(distance, swarm, { safety_m }) {
   if (distance === null || !Number.isFinite(distance)) return "ok";
-  if (distance < (swarm.safety_m ?? swarm.collision_m)) return "bad";
-  return distance < 1.5 * (swarm.safety_m ?? 2 * swarm.collision_m) ? "warn" : "ok";
+  if (distance < (safety_m ?? swarm.collision_m)) return "bad";
+  return distance < 1.5 * (safety_m ?? 2 * swarm.collision_m) ? "warn" : "ok";
 }
 
 /** A text on a plate of the ground's colour, so that lines beneath do not disturb it. */
@@ -116,7 +116,7 @@ function plate(context, text, x, y, colour) {
 /** Draws the vehicles with details: safety circle, helicopter with its heading or ghost, and id. */
 export function drawVehicles(context, camera, frame, swarm, selected) {
   const rows = frame.rows;
-  const radius = swarm.safety_m ? swarm.safety_m / 2 / camera.m_px : 0;
+  const radius = frame.safety_m ? frame.safety_m / 2 / camera.m_px : 0;
   const isCrowded = frame.members.length > 30;
   frame.members.forEach((index, row) => {
     if (!frame.hasPosition(index) || !camera.sees(frame.north[index], frame.east[index], 40)) return;

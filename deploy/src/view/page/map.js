@@ -3,7 +3,7 @@
 import { Camera, steer } from "./camera.js";
 import { byId, contextOf, element, setText, show } from "./dom.js";
 import * as format from "./format.js";
-import { FAILED } from "./frame.js";
+import { FAILED, doing } from "./frame.js";
 import { drawCrowd, drawTeams } from "./map-crowd.js";
 import { drawFence, drawFormation, drawGrid, drawMission } from "./map-ground.js";
 import { drawLinks, drawPartitions } from "./map-links.js";
@@ -131,9 +131,9 @@ export class MapView {
     show(tip, index !== null);
     if (index === null) return;
     const { frame, swarm } = this;
-    const phase = frame.vehicle(index)?.phase;
+    const vehicle = frame.vehicle(index);
     const altitude = `${format.number(frame.altitude[index], 1)} m high`;
-    const state = frame.isInContact(index) ? (frame.flags[index] & FAILED ? "failure" : phase) : "no contact";
+    const state = frame.isInContact(index) ? (frame.flags[index] & FAILED ? "failure" : vehicle && doing(vehicle)) : "no contact";
     setText(tip, [`vehicle ${swarm.ids[index]}`, state, altitude].filter(Boolean).join(" · "));
     const { unit } = colours;
     tip.style.left = `${Math.min((x + 14) * unit, this.camera.width * unit - tip.offsetWidth - 6)}px`;
@@ -196,10 +196,10 @@ export class MapView {
 /** The places that the vehicles fly to, each with its formation, the most common first. */
 export function goals(frame, swarm) {
   const found = new Map();
-  for (const { step, centre_ne_m, contact } of frame.rows) {
+  for (const { step, centre_ne_m, contact, formation } of frame.rows) {
     if (!centre_ne_m || contact === false) continue;
     const key = [step, ...centre_ne_m.map((metres) => Math.round(metres / 2))].join();
-    const entry = found.get(key) ?? { step, centre: centre_ne_m, formation: swarm.formation(0, step), vehicles: 0 };
+    const entry = found.get(key) ?? { step, centre: centre_ne_m, formation: formation ?? swarm.formation(0, step), vehicles: 0 };
     entry.vehicles += 1;
     found.set(key, entry);
   }

@@ -7,7 +7,8 @@ import { colours, font } from "./theme.js";
 /**
  * Draws a plot into a canvas.
  * `lines`: `{ label, colour, isBold, isFaint, points: [x, y, ...] }`; `spreads`: rows `[x, least, lower, median, upper, most]`;
- * `limits`: `{ value, text, level, isBelow }`; `band`: `[from, to]` of the values, shaded; `cursor`: x of the present picture.
+ * `limits`: `{ value, text, level, isBelow, points }`, with `points` the same over time if it has changed; `band`: rows
+ * `[x, from, to]` of the values, shaded, or `[from, to]` if they have not changed; `cursor`: x of the present picture.
  */
 export function drawPlot(canvas, { range, lines = [], spreads = null, limits = [], band = null, cursor, offset_s, most }) {
   const ready = contextOf(canvas);
@@ -19,10 +20,7 @@ export function drawPlot(canvas, { range, lines = [], spreads = null, limits = [
   const x = (key) => box.left + ((key - range[0]) / Math.max(1e-6, range[1] - range[0])) * (box.right - box.left);
   const y = (value) => box.bottom - (value / top) * (box.bottom - box.top);
   const plot = { context, box, x, y, range, offset_s };
-  if (band) {
-    context.fillStyle = colours.band;
-    context.fillRect(box.left, y(Math.min(band[1], top)), box.right - box.left, y(band[0]) - y(Math.min(band[1], top)));
-  }
+  if (band) drawBand(plot, Array.isArray(band[0]) ? band : [[range[0], ...band], [range[1], ...band]], top);
   drawAxes(plot, top);
   context.save();
   context.beginPath();
@@ -50,8 +48,20 @@ function scaleOf(lines, spreads, limits, most) {
     for (let at = 1; at < points.length; at += 2) if (points[at] > top) top = points[at];
   }
   for (const row of spreads ?? []) if (row[5] > top) top = row[5];
-  for (const { value } of limits) if (value > top) top = value;
+  for (const { value, points } of limits) {
+    if (value > top) top = value;
+    for (let at = 1; at < (points?.length ?? 0); at += 2) if (points[at] > top) top = points[at];
+  }
   return most ?? Math.max(1, top * 1.08);
+}
+
+function drawBand({ context, x, y }, rows, top) {
+  context.fillStyle = colours.band;
+  context.beginPath();
+  rows.forEach(([key, , to], at) => (at ? context.lineTo(x(key), y(Math.min(to, top))) : context.moveTo(x(key), y(Math.min(to, top)))));
+  for (const [key, from] of [...rows].reverse()) context.lineTo(x(key), y(from));
+  context.closePath();
+  context.fill();
 }
 
 function drawAxes({ context, box, x, y, range, offset_s }, top) {
@@ -121,13 +131,13 @@ function drawSpread({ context, x, y }, rows) {
   drawLine({ context, x, y }, { points: rows.flatMap((row) => [row[0], row[3]]), colour: colours.accent, isBold: true });
 }
 
-function drawLimits({ context, box, y }, limits, top) {
+function drawLimits({ context, box, x, y }, limits, top) {
   context.font = font(0.7, 600);
   context.textAlign = "left";
   context.textBaseline = "bottom";
   // The texts of near lines stand side by side.
   let [left, above] = [box.left + 4, -Infinity];
-  for (const { value, text, level, isBelow } of limits) {
+  for (const { value, text, level, isBelow, points } of limits) {
     if (value > top) continue;
     const at = Math.round(y(value)) + 0.5;
     const colour = { bad: colours.bad, warn: colours.warn }[level] ?? colours.ring;
@@ -135,8 +145,12 @@ function drawLimits({ context, box, y }, limits, top) {
     context.lineWidth = 1;
     context.setLineDash([5, 4]);
     context.beginPath();
-    context.moveTo(box.left, at);
-    context.lineTo(box.right, at);
+    if (points) {
+      for (let nth = 0; nth < points.length; nth += 2) context.lineTo(x(points[nth]), y(Math.min(points[nth + 1], top)));
+    } else {
+      context.moveTo(box.left, at);
+      context.lineTo(box.right, at);
+    }
     context.stroke();
     context.setLineDash([]);
     const hasRoom = isBelow && at + 1.1 * colours.rem < box.bottom;

@@ -1,6 +1,7 @@
 // The plots of the paper's figures: distance from the centre, distances between vehicles, altitude.
 
 import { byId, setText } from "./dom.js";
+import * as format from "./format.js";
 import { SINGLE } from "./frame.js";
 import { goals } from "./map.js";
 import { separation } from "./map-vehicles.js";
@@ -32,8 +33,9 @@ export class Plots {
     // Always the same pictures, so that the lines do not tremble as time passes.
     const frames = every === 1 ? all : all.filter((frame, at) => at === all.length - 1 || Math.floor(frame.key * 10) % every === 0);
     const formation = goals(scene.frame, swarm)[0]?.formation ?? swarm.formation(0, 0);
+    const flown = flownFormations(frames, swarm);
     const cursor = player.isLookingBack || !swarm.isLive ? player.position : null;
-    return { ...scene, range, frames, formation, cursor, offset_s: history.offset_s };
+    return { ...scene, range, frames, formation, flown, cursor, offset_s: history.offset_s };
   }
 
   /** Draws one of the plots: `centre`, `pairs` or `altitude`. */
@@ -44,6 +46,21 @@ export class Plots {
     const { range, cursor, offset_s } = read;
     drawPlot(this.canvases[name], { range, cursor, offset_s, ...content });
   }
+}
+
+/** The formation at each picture, `[key, formation]`, if an operator has changed one in flight; else `null`. */
+function flownFormations(frames, swarm) {
+  if (!frames.some(({ isTuned }) => isTuned)) return null;
+  const flown = frames.map((frame) => [frame.key, goals(frame, swarm)[0]?.formation]);
+  return flown.filter(([, formation]) => formation);
+}
+
+/** A limit of the formation; with `points` if it was not the same all the time. */
+function limit({ flown, formation }, of, about) {
+  const value = formation && of(formation);
+  if (!Number.isFinite(value)) return [];
+  const points = flown?.flatMap(([key, one]) => [key, of(one)]);
+  return [{ value, text: about(format.number(value, Number.isInteger(value) ? 0 : 1)), ...(points ? { points } : {}) }];
 }
 
 /** A line for each vehicle; in a large swarm the spread of all and lines of the selected. */
@@ -82,11 +99,14 @@ function centrePlot(read, isSingle) {
   const radius = formation?.radius_m;
   if (radius) {
     const isBand = formation.law !== "flock" && formation.inner_width_m > 0;
+    const inner = (one) => Math.max(0, one.radius_m - one.inner_width_m);
+    const outer = (one) => one.radius_m + one.outer_width_m;
     if (isBand) {
-      band = [Math.max(0, radius - formation.inner_width_m), radius + formation.outer_width_m];
-      limits.push({ value: band[1], text: `band to ${band[1]} m` }, { value: band[0], text: `band from ${band[0]} m`, isBelow: true });
+      band = read.flown?.map(([key, one]) => [key, inner(one), outer(one)]) ?? [inner(formation), outer(formation)];
+      limits.push(...limit(read, outer, (metres) => `band to ${metres} m`));
+      limits.push(...limit(read, inner, (metres) => `band from ${metres} m`).map((one) => ({ ...one, isBelow: true })));
     } else {
-      limits.push({ value: radius, text: `radius ${radius} m` });
+      limits.push(...limit(read, ({ radius_m }) => radius_m, (metres) => `radius ${metres} m`));
     }
   }
   return { lines: linesOf(read, isSingle, byRow("distance")), spreads: spreadOf(read, isSingle, "distance"), limits, band };
@@ -103,7 +123,8 @@ function pairsPlot(read, isSingle) {
     return { lines: [line("contact", colours.muted, false), line("place", colours.ok, true)], most: 105 };
   }
   const limits = [{ value: swarm.collision_m, text: `collision ${swarm.collision_m} m`, level: "bad" }];
-  if (swarm.safety_m) limits.unshift({ value: swarm.safety_m, text: `safety ${swarm.safety_m} m`, level: "warn" });
+  const safety = limit(read, ({ safety_distance_m }) => safety_distance_m ?? swarm.safety_m, (metres) => `safety ${metres} m`);
+  limits.unshift(...safety.map((one) => ({ ...one, level: "warn" })));
   const ids = [...swarm.vehicles.keys()];
   const only = selected.size === 1 && isSingle ? [...selected][0] : null;
   if (only === null && ids.length > PAIRS) {
@@ -123,8 +144,7 @@ function pairsPlot(read, isSingle) {
 }
 
 function altitudePlot(read, isSingle) {
-  const altitude = read.formation?.altitude_m;
-  const limits = altitude ? [{ value: altitude, text: `setpoint ${altitude} m` }] : [];
+  const limits = limit(read, ({ altitude_m }) => altitude_m, (metres) => `setpoint ${metres} m`);
   for (const name of ["ceiling", "floor"]) {
     const value = read.swarm.scenario.airspace?.[`${name}_m`];
     if (value) limits.push({ value, text: `${name} ${value} m`, level: "warn" });

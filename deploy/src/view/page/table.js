@@ -1,7 +1,7 @@
 // A row for each vehicle; above a hundred vehicles a row for each team and for the vehicles with details.
 
 import { byId, element, setClass, setText, show } from "./dom.js";
-import { AT_PLACE, CONTACT, FAILED, LANDED } from "./frame.js";
+import { AT_PLACE, CONTACT, FAILED, LANDED, doing } from "./frame.js";
 import * as format from "./format.js";
 import { separationLevel } from "./map-vehicles.js";
 import { vehicleColour } from "./theme.js";
@@ -20,8 +20,8 @@ const lowRate = (rate) => (rate === null || rate === undefined || rate >= 45 ? "
 
 /** Columns of a vehicle: title, meaning, text and level of its cell. */
 const COLUMNS = [
-  ["phase", "what the vehicle does; for a silent one how long it is out of contact", (vehicle) => [
-    vehicle.contact === false ? `silent ${format.age(1000 * vehicle.silent_s)}` : (vehicle.phase ?? "–"),
+  ["phase", "what the vehicle does: formation (at its altitude and in its place), under way (not there); for a silent one how long it is out of contact", (vehicle) => [
+    vehicle.contact === false ? `silent ${format.age(1000 * vehicle.silent_s)}` : doing(vehicle),
     vehicle.contact === false ? "bad" : vehicle.phase === "blind" ? "warn" : "",
   ], "name"],
   ["faults, orders", "failures that the vehicle detected, and the order that it follows", ({ failures, order }) => [
@@ -39,8 +39,8 @@ const COLUMNS = [
         ? "–"
         : `${format.number(gap_deg, 1)} ${format.signed(gap_error_deg, 1)}`,
     ]],
-  ["near m", "distance of the nearest vehicle", ({ nearest_m }, { swarm }) => [
-    format.number(nearest_m, 1), separationLevel(nearest_m ?? null, swarm).replace("ok", ""),
+  ["near m", "distance of the nearest vehicle", ({ nearest_m }, { swarm, frame }) => [
+    format.number(nearest_m, 1), separationLevel(nearest_m ?? null, swarm, frame).replace("ok", ""),
   ]],
   ["Hz", "frames a second", ({ frame_rate_hz }) => [format.number(frame_rate_hz, 1), lowRate(frame_rate_hz)]],
   ["jitter ms", "deviation of the frames from their period", ({ jitter_ms }) => [format.number(jitter_ms, 1)]],
@@ -51,6 +51,9 @@ const COLUMNS = [
   }],
   ["refused", "messages that the agent refused: malformed, implausible, of a wrong sender", ({ refused }) => [
     format.number(refused), refused > 0 ? "warn" : "",
+  ]],
+  ["unsent", "own messages that the agent did not send because the network was too slow", ({ unsent }) => [
+    format.number(unsent), unsent > 0 ? "warn" : "",
   ]],
 ];
 

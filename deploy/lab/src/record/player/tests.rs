@@ -175,8 +175,14 @@ fn a_fleet_moves_from_place_to_place() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(FLEET_FILE);
     let mut writer = FleetWriter::new(&path, &Run::default(), "[fleet]\nteams = 2\n[swarm]\nvehicles = 2\n").unwrap();
-    let place =
-        |number: u8, north_m: f64| VehiclePlace { id: id(number), step: 1, north_m, east_m: -12.0, altitude_m: 30.0 };
+    let place = |number: u8, north_m: f64| VehiclePlace {
+        id: id(number),
+        step: 1,
+        north_m,
+        east_m: -12.0,
+        altitude_m: 30.0,
+        in_place: true,
+    };
     for t_s in 0..20_u8 {
         for team in 1..=2 {
             let first = place(1, 10.0 * f64::from(t_s));

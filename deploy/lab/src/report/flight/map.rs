@@ -7,13 +7,13 @@ use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
 use skein_common::math;
 use skein_common::message::Trace;
-use skein_common::scenario::{Law, StaticObstacle, Step as Leg, Target};
+use skein_common::scenario::{Formation, Law, StaticObstacle, Target};
 use skein_common::state::Membership;
 use skein_core::formation;
 use skein_core::formation::law::Neighbour;
 
 use super::traces::{centre_distance_panel, pair_distance_panel};
-use super::{Flight, flies_in_formation, on_map, pieces, place_on_map, radii_m};
+use super::{Flight, is_flying_member, on_map, pieces, place_on_map, radii_m};
 use crate::report::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 
 /// Length of the trails of a flight whose centre moves, s.
@@ -43,7 +43,7 @@ fn map() -> Panel {
 pub(super) fn final_places(flight: &Flight<'_>) -> Drawing {
     let caption = format!(
         "The vehicles from above at {}, and their paths{}.",
-        flight.last_in_formation().map_or("the end".to_owned(), |last| format!("{:.0} s", flight.times_s[last])),
+        flight.last_flown().map_or("the end".to_owned(), |last| format!("{:.0} s", flight.times_s[last])),
         if flight.has_one_place() { String::new() } else { format!(" in the last {TRAIL_S} s") },
     );
     square(flight.figure("final-places", "Final positions", caption, SQUARE_PX, vec![final_places_panel(flight)]))
@@ -51,7 +51,7 @@ pub(super) fn final_places(flight: &Flight<'_>) -> Drawing {
 
 fn final_places_panel(flight: &Flight<'_>) -> Panel {
     let mut panel = map();
-    let Some(last) = flight.last_in_formation() else { return panel };
+    let Some(last) = flight.last_flown() else { return panel };
     let since_s = if flight.has_one_place() { f64::NEG_INFINITY } else { flight.times_s[last] - TRAIL_S };
     let first = flight.times_s.partition_point(|t_s| *t_s < since_s);
     panel.items = airspace(flight);
@@ -97,24 +97,25 @@ fn airspace(flight: &Flight<'_>) -> Vec<Item> {
 
 /// The ellipses R_in, R* and R_out of the swarm's step.
 fn ellipses(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
-    let leg = flight.leading_step(sample).and_then(|step| flight.leg(step));
-    let Some((leg, centre_ne_m)) = leg.zip(flight.centre_ne_m(sample)) else { return Vec::new() };
+    let Some((formation, centre_ne_m)) = flight.formation(sample).zip(flight.centre_ne_m(sample)) else {
+        return Vec::new();
+    };
     let line = |(nth, radius_m): (usize, Option<f64>)| {
-        let line = Item::line(vec![ellipse(leg, radius_m?, centre_ne_m)], Colour::BLACK);
+        let line = Item::line(vec![ellipse(&formation, radius_m?, centre_ne_m)], Colour::BLACK);
         Some(match nth {
             1 => line.wide(1.2).meaning("Solid ring: R*, the circle or ellipse of the formation"),
             _ => line.wide(0.9).dashed().meaning("Broken rings: R_in and R_out, the band's edges"),
         })
     };
-    radii_m(leg).into_iter().enumerate().filter_map(line).collect()
+    radii_m(&formation).into_iter().enumerate().filter_map(line).collect()
 }
 
 /// Points of the ellipse of this level.
-fn ellipse(leg: &Leg, radius_m: f64, centre_ne_m: [f64; 2]) -> Vec<[f64; 2]> {
-    let turn = Rotation2::new(leg.formation.heading_rad());
+fn ellipse(formation: &Formation, radius_m: f64, centre_ne_m: [f64; 2]) -> Vec<[f64; 2]> {
+    let turn = Rotation2::new(formation.heading_rad());
     let point = |nth: i32| {
         let (east, north) = math::sin_cos(f64::from(nth) * TAU / 120.0);
-        let axes = Vector2::new(north * radius_m, east * radius_m / leg.formation.gamma.sqrt());
+        let axes = Vector2::new(north * radius_m, east * radius_m / formation.gamma.sqrt());
         let ne_m = Vector2::from(centre_ne_m) + turn * axes;
         on_map([ne_m.x, ne_m.y])
     };
@@ -183,7 +184,7 @@ fn vehicles(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     let mut items = Vec::new();
     for (index, trace) in flight.at(sample) {
         let at = place_on_map(trace.position);
-        let is_member = flies_in_formation(trace);
+        let is_member = is_flying_member(trace);
         let is_named = flight.count() <= NAMED;
         let (colour, marker, meaning) = match is_member {
             true if is_named => (colour(flight, index), Marker::nth(index), "Large markers: the numbered vehicles"),
@@ -208,10 +209,8 @@ pub(super) fn snapshots(flight: &Flight<'_>) -> Option<Drawing> {
     if samples.len() < 2 {
         return None;
     }
-    let disc = |sample: &usize| {
-        let (step, centre_ne_m) = flight.leading_step(*sample).zip(flight.centre_ne_m(*sample))?;
-        Some((Vector2::from(centre_ne_m), reach_m(flight.leg(step)?)))
-    };
+    let disc =
+        |sample: &usize| Some((Vector2::from(flight.centre_ne_m(*sample)?), reach_m(&*flight.formation(*sample)?)));
     let (samples, discs): (Vec<_>, Vec<_>) =
         samples.into_iter().filter_map(|sample| Some((sample, disc(&sample)?))).unzip();
     let overlap = |(nth, (centre, reach_m)): (usize, &(Vector2<f64>, f64))| {
@@ -304,15 +303,15 @@ fn vehicles_small(flight: &Flight<'_>, sample: usize) -> Vec<Item> {
     items
 }
 
-/// Largest distance of a step's formation from its centre, m.
-fn reach_m(leg: &Leg) -> f64 {
-    let outer_m = radii_m(leg).into_iter().flatten().fold(0.0, f64::max);
-    outer_m * leg.formation.gamma.sqrt().recip().max(1.0)
+/// Largest distance of a formation from its centre, m.
+fn reach_m(formation: &Formation) -> f64 {
+    let outer_m = radii_m(formation).into_iter().flatten().fold(0.0, f64::max);
+    outer_m * formation.gamma.sqrt().recip().max(1.0)
 }
 
 /// The samples of the snapshots: the end of every step, and instants along a path.
 fn instants(flight: &Flight<'_>) -> Vec<usize> {
-    let Some(last) = flight.last_in_formation() else { return Vec::new() };
+    let Some(last) = flight.last_flown() else { return Vec::new() };
     let steps: Vec<_> = (0..=last).map(|sample| flight.leading_step(sample)).collect();
     let mut instants = Vec::new();
     for (step, leg) in flight.scenario().mission.steps.iter().enumerate() {
@@ -340,18 +339,18 @@ fn centre_path(flight: &Flight<'_>) -> Item {
 
 /// Draws the field of the law around the formation; `None` for laws without a field.
 pub(super) fn field(flight: &Flight<'_>) -> Option<Drawing> {
-    let last = flight.last_in_formation()?;
-    let leg = flight.leading_step(last).and_then(|step| flight.leg(step))?;
-    if !matches!(leg.formation.law, Law::Ring | Law::Flock) {
+    let last = flight.last_flown()?;
+    let flown = flight.formation(last)?;
+    if !matches!(flown.law, Law::Ring | Law::Flock) {
         return None;
     }
     let centre_ne_m = flight.centre_ne_m(last)?;
     let members: Vec<(usize, &Trace)> = flight.members(last).collect();
     let (own, _) = *members.first()?;
     let neighbours: Vec<_> = members[1..].iter().map(|(index, trace)| neighbour(flight.id(*index), trace)).collect();
-    let ring = formation::ring(&leg.formation);
-    let centre = PositionNed::new(centre_ne_m[0], centre_ne_m[1], -leg.formation.altitude_m);
-    let half_m = reach_m(leg) * 1.35;
+    let ring = formation::ring(&flown);
+    let centre = PositionNed::new(centre_ne_m[0], centre_ne_m[1], -flown.altitude_m);
+    let half_m = reach_m(&flown) * 1.35;
     let apart_m = 2.0 * half_m / f64::from(ARROWS - 1);
     let mut shades: Vec<Vec<([f64; 2], [f64; 2])>> = vec![Vec::new(); 5];
     for nth in 0..ARROWS * ARROWS {
@@ -394,7 +393,7 @@ fn neighbour(id: VehicleId, trace: &Trace) -> Neighbour {
 pub(super) fn overview(flight: &Flight<'_>) -> Drawing {
     let mut places = final_places_panel(flight);
     if !flight.has_one_place() {
-        let last = flight.last_in_formation().unwrap_or(0);
+        let last = flight.last_flown().unwrap_or(0);
         places = map();
         places.items.extend(airspace(flight));
         places.items.push(centre_path(flight));

@@ -30,7 +30,7 @@ pub(super) fn timeline(flight: &Flight<'_>) -> Drawing {
     flight.figure("timeline", "Mission", caption, height_px, vec![panel])
 }
 
-/// Whether the vehicle does something else than fly its mission step in formation.
+/// Whether the vehicle does something else than fly its mission step.
 fn is_out_of_formation(trace: &Trace) -> bool {
     trace.membership == Membership::Left
         || matches!(

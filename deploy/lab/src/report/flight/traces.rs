@@ -3,10 +3,10 @@
 use std::f64::consts::PI;
 
 use skein_common::math;
-use skein_common::scenario::{AvoidDistance, Law, SafetyFilter, Target};
+use skein_common::scenario::{AvoidDistance, Formation, Law, SafetyFilter, Target};
 
 use super::marks::with_marks;
-use super::{Flight, flies_in_formation, level_m, radii_m};
+use super::{Flight, is_flying_member, level_m, radii_m};
 use crate::metrics::{AIRBORNE_ABOVE_M, COLLISION_M};
 use crate::report::figure::{Axis, Colour, Drawing, Item, Mark, Panel, Shape};
 
@@ -20,11 +20,12 @@ const BARS: usize = 48;
 /// The panel with the distance of each vehicle from the formation's centre, and the band (the paper's figures 6 and 9).
 pub(super) fn centre_distance_panel(flight: &Flight<'_>) -> Panel {
     let scenario = flight.scenario();
-    let is_round = scenario.mission.steps.iter().all(|leg| leg.formation.gamma == 1.0);
+    let was_round = (0..flight.times_s.len()).all(|at| flight.formation(at).is_none_or(|flown| flown.gamma == 1.0));
+    let is_round = was_round && scenario.mission.steps.iter().all(|leg| leg.formation.gamma == 1.0);
     let quantity = if is_round { "distance from the centre" } else { "ρ, level of the ellipse" };
     let mut panel = Panel::new(flight.time_axis(), Axis::new(quantity, "m").including(0.0));
     panel.items = band(flight);
-    panel.items.extend(flight.lines(|trace| level_m(scenario, trace).filter(|_| flies_in_formation(trace))));
+    panel.items.extend(flight.lines(|trace| level_m(scenario, trace).filter(|_| is_flying_member(trace))));
     panel
 }
 
@@ -32,7 +33,8 @@ pub(super) fn centre_distance_panel(flight: &Flight<'_>) -> Panel {
 fn band(flight: &Flight<'_>) -> Vec<Item> {
     let radii = |sample| {
         let leg = flight.leading_step(sample).and_then(|step| flight.leg(step));
-        leg.filter(|leg| !matches!(leg.target, Target::Land(_))).map_or([None; 3], radii_m)
+        let flies = leg.is_some_and(|leg| !matches!(leg.target, Target::Land(_)));
+        flight.formation(sample).filter(|_| flies).map_or([None; 3], |formation| radii_m(&formation))
     };
     let radii: Vec<_> = (0..flight.times_s.len()).map(radii).collect();
     let [inner, middle, outer] = [0, 1, 2].map(|nth| flight.over_time(radii.iter().map(|radii| radii[nth])));
@@ -87,13 +89,25 @@ fn even_distances(flight: &Flight<'_>) -> Vec<Item> {
     if !is_known || !(2..=5).contains(&count) {
         return Vec::new();
     }
-    let ends = [flight.times_s.first(), flight.times_s.last()].map(|t_s| t_s.copied().unwrap_or(0.0));
+    let radii_m = flown(flight, |formation| Some(formation.radius_m).filter(|_| formation.gamma == 1.0));
     let line = |chords: usize| {
-        let distance_m = 2.0 * formation.radius_m * math::sin(PI * chords as f64 / count as f64);
-        let line = Item::line(vec![ends.map(|t_s| [t_s, distance_m]).to_vec()], Colour::BLACK);
+        let per_radius = 2.0 * math::sin(PI * chords as f64 / count as f64);
+        let distances_m = radii_m.iter().map(|radius_m| radius_m.map(|radius_m| radius_m * per_radius));
+        let line = Item::line(flight.level_over_time(distances_m), Colour::BLACK);
         line.wide(1.0).dashed().on_line("evenly spread on R*")
     };
     (1..=count / 2).map(line).collect()
+}
+
+/// A value of the formation at each sample, where no vehicle flies as the next or the last one had it.
+fn flown(flight: &Flight<'_>, value: impl Fn(&Formation) -> Option<f64>) -> Vec<Option<f64>> {
+    let first = (0..flight.times_s.len()).find_map(|sample| flight.formation(sample));
+    let mut last = value(first.as_deref().unwrap_or(&flight.scenario().formation));
+    let mut at = |sample| {
+        last = flight.formation(sample).map_or(last, |formation| value(&formation));
+        last
+    };
+    (0..flight.times_s.len()).map(&mut at).collect()
 }
 
 /// The distances that no pair may have: that of a collision, and that which the safety filter keeps.
@@ -103,11 +117,22 @@ fn limit_distances(flight: &Flight<'_>) -> Vec<Item> {
         let line = vec![vec![[*from_s, distance_m], [*to_s, distance_m]]];
         Item::line(line, Colour::VERMILLION).wide(1.0).dashed().on_line(name)
     };
-    let formation = &flight.scenario().formation;
-    let is_filtered = formation.safety_filter != SafetyFilter::None;
-    let safety = is_filtered.then_some(formation.safety_distance_m);
-    let safety = safety.map(|distance_m| line(distance_m, format!("safety distance, {distance_m} m")));
+    let safety = safety_distances(flight).map(|distances_m| {
+        let (first, last) = (distances_m.first().copied().flatten(), distances_m.last().copied().flatten());
+        let name = match first.filter(|_| first == last) {
+            Some(distance_m) => format!("safety distance, {distance_m} m"),
+            None => "safety distance".to_owned(),
+        };
+        let line = Item::line(flight.level_over_time(distances_m.into_iter()), Colour::VERMILLION);
+        line.wide(1.0).dashed().on_line(name)
+    });
     safety.into_iter().chain([line(COLLISION_M, format!("collision, {COLLISION_M} m"))]).collect()
+}
+
+/// The distance that the safety filter keeps at each sample, m; `None` without a filter.
+fn safety_distances(flight: &Flight<'_>) -> Option<Vec<Option<f64>>> {
+    let is_filtered = flight.scenario().formation.safety_filter != SafetyFilter::None;
+    is_filtered.then(|| flown(flight, |formation| Some(formation.safety_distance_m)))
 }
 
 pub(super) fn pair_distance(flight: &Flight<'_>) -> Option<Drawing> {
@@ -122,7 +147,7 @@ pub(super) fn pair_distance(flight: &Flight<'_>) -> Option<Drawing> {
 fn pair_m(flight: &Flight<'_>, sample: usize, one: usize, other: usize) -> Option<f64> {
     let position = |index: usize| {
         let trace = &flight.seen[index].get(sample).copied().flatten()?.trace;
-        flies_in_formation(trace).then_some(trace.position)
+        is_flying_member(trace).then_some(trace.position)
     };
     Some((position(one)? - position(other)?).norm())
 }
@@ -152,11 +177,13 @@ pub(super) fn separations(flight: &Flight<'_>) -> Option<Drawing> {
     let mut panel = histogram(&all_m, Axis::new("distance to the nearest vehicle", "m").including(0.0));
     panel.marks.push(Mark { x: COLLISION_M, text: format!("collision, {COLLISION_M} m") });
     let formation = &flight.scenario().formation;
-    if formation.safety_filter != SafetyFilter::None {
-        panel.marks.push(Mark {
-            x: formation.safety_distance_m,
-            text: format!("safety distance, {} m", formation.safety_distance_m),
-        });
+    if let Some(distances_m) = safety_distances(flight) {
+        let mut all_m: Vec<f64> = distances_m.into_iter().flatten().collect();
+        // A value that was set in flight is marked as it was at the beginning and at the end.
+        let ends_m = [all_m.first().copied(), all_m.pop()];
+        let mark = |x: f64| Mark { x, text: format!("safety distance, {x} m") };
+        panel.marks.extend(ends_m[0].map(mark));
+        panel.marks.extend(ends_m[1].filter(|_| ends_m[0] != ends_m[1]).map(mark));
     }
     if let AvoidDistance::Fixed(distance_m) = formation.avoid_distance_m {
         panel.marks.push(Mark { x: distance_m, text: format!("avoidance at half strength, {distance_m} m") });

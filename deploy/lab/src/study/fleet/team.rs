@@ -267,7 +267,7 @@ impl Team {
         }
         let place = |(id, agent, truth, _): (VehicleId, &Agent, &GroundTruth, _)| {
             let in_fleet = fleet.ned_from_geodetic(&self.origin.geodetic_from_ned(truth.position));
-            VehiclePlace::new(id, agent.at_step(), in_fleet, truth.position.altitude_m())
+            VehiclePlace::new(id, agent.at_step(), in_fleet, truth.position.altitude_m(), agent.in_place_s().is_some())
         };
         let vehicles = self.world.vehicles().filter(|(_, _, truth, _)| truth.position.is_finite()).map(place).collect();
         writer.places(&TeamPlaces { team: self.id, t_s: self.world.t_s() - zero_s, vehicles })
