@@ -41,6 +41,7 @@ mod orders;
 mod page;
 mod playback;
 mod server;
+mod shape;
 mod snapshot;
 mod socket;
 mod terminal;

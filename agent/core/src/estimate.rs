@@ -43,7 +43,7 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// The estimate of a measurement that is believed as it is, in the frame at `origin`.
+    /// The estimate that believes a measurement entirely, in the frame at `origin`.
     pub fn of(measurement: &Measurement, origin: &Origin) -> Self {
         let &Measurement { position: geodetic, height_m, velocity, attitude, rates, rotor_speed_rad_s } = measurement;
         let (position, convergence) = origin.locate(&geodetic);

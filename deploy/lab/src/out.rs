@@ -35,8 +35,8 @@ pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
 
 /// Name of the file by which a command claims a folder. It stays there, empty.
 const CLAIM: &str = ".skein-lock";
-/// Longest text of a claim that is shown, bytes.
-const MOST_CLAIM_BYTES: u64 = 300;
+/// Longest text of a claim that is shown.
+const MOST_CLAIM: usize = 300;
 
 /// A claim on a folder: no other command writes into it until this is dropped or its process ends, however it ends.
 #[derive(Debug)]
@@ -73,8 +73,8 @@ pub fn claim(out: &Path) -> Result<Claim, Error> {
         Err(TryLockError::WouldBlock) => {
             let mut other = String::new();
             // A text that cannot be read is left out: the lock decides.
-            let _ = file.take(MOST_CLAIM_BYTES).read_to_string(&mut other);
-            let other = if other.is_empty() { "another command".to_owned() } else { printable(&other) };
+            let _ = file.take(MOST_CLAIM as u64).read_to_string(&mut other);
+            let other = if other.is_empty() { "another command".to_owned() } else { printable(&other, MOST_CLAIM) };
             let out = out.display();
             Err(Error::Refused(format!(
                 "--out {out}: {other} writes there; wait for its end, or choose another folder"

@@ -42,8 +42,7 @@ pub fn shortened(text: &str, columns: usize) -> String {
 
 /// The commands to run next, each below its purpose. On a terminal, a long command is broken into lines for a shell.
 pub fn what_next(commands: &[(String, &str)]) -> String {
-    let columns =
-        if std::io::stdout().is_terminal() { Table::new().width().map_or(80, usize::from) } else { usize::MAX };
+    let columns = if io::stdout().is_terminal() { Table::new().width().map_or(80, usize::from) } else { usize::MAX };
     let step = |(command, what): &(String, &str)| format!("next, {what}:\n  {}\n", shell_lines(command, columns));
     commands.iter().map(step).collect()
 }
@@ -63,7 +62,7 @@ fn shell_lines(command: &str, columns: usize) -> String {
 /// Why the first text did not reach stdout, if one did not.
 static LOST: OnceLock<String> = OnceLock::new();
 
-/// Keeps the first error of stdout for [`lost`]. A closed pipe is none: its reader has what it wanted.
+/// Keeps the first error of stdout for [`lost`]. A closed pipe is left out: its reader has what it wanted.
 pub(crate) fn note(written: io::Result<()>) {
     if let Err(error) = written
         && error.kind() != ErrorKind::BrokenPipe
@@ -95,7 +94,7 @@ pub fn complain(line: &str) {
 /// Writes text with our own escape sequences to stdout; text from elsewhere in it must already be
 /// [`printable`](skein_common::printable).
 pub fn draw(text: &str) {
-    note(std::io::stdout().write_all(text.as_bytes()));
+    note(io::stdout().write_all(text.as_bytes()));
 }
 
 #[cfg(test)]

@@ -3,10 +3,11 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 use skein_common::id::VehicleName;
-use skein_common::scenario::{Formation, SafetyFilter, Scenario, Step, Target};
+use skein_common::scenario::{Scenario, Step, Target};
 use skein_core::deadlines::Deadline;
 use skein_lab::metrics::{COLLISION_M, Run};
 
+use super::shape::{formation, safety_distance_m};
 use super::snapshot::Team;
 use crate::display::status;
 
@@ -73,10 +74,9 @@ pub(super) fn hello(teams: &[Team], source: SourceKind, title: &str, span: Span,
 /// What the page draws of a scenario. Places are relative to the swarm's origin, in a fleet to the team's.
 fn scenario(scenario: &Scenario) -> Value {
     let origin = scenario.team.map_or(scenario.origin, |team| team.origin);
-    let formation = &scenario.formation;
     json!({
         "name": scenario.name,
-        "law": formation.law.name(),
+        "law": scenario.formation.law.name(),
         "plant": Run::new(scenario, "fly").plant,
         "vehicles": scenario.swarm.vehicles,
         "origin": {
@@ -84,7 +84,7 @@ fn scenario(scenario: &Scenario) -> Value {
             "longitude_deg": origin.longitude_deg,
             "elevation_m": origin.elevation_m,
         },
-        "safety_distance_m": safety_distance_m(formation),
+        "safety_distance_m": safety_distance_m(&scenario.formation),
         "collision_distance_m": COLLISION_M,
         "even": status::has_gaps(scenario, None),
         "airspace": scenario.airspace,
@@ -108,23 +108,4 @@ fn step(step: &Step) -> Value {
         "hold_s": hold_s,
         "formation": formation(&step.formation),
     })
-}
-
-/// What the page draws of a formation.
-pub(super) fn formation(formation: &Formation) -> Value {
-    json!({
-        "law": formation.law.name(),
-        "radius_m": formation.radius_m,
-        "gamma": formation.gamma,
-        "heading_deg": formation.heading_deg,
-        "inner_width_m": formation.inner_width_m,
-        "outer_width_m": formation.outer_width_m,
-        "altitude_m": formation.altitude_m,
-        "safety_distance_m": safety_distance_m(formation),
-    })
-}
-
-/// The distance that the safety filter keeps, m; `None` without a filter.
-pub(super) fn safety_distance_m(formation: &Formation) -> Option<f64> {
-    (formation.safety_filter == SafetyFilter::Cbf).then_some(formation.safety_distance_m)
 }

@@ -13,7 +13,7 @@ use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::record::PlayedPlace;
 
-use super::hello;
+use super::shape;
 use crate::display::status::{self, Known, Row};
 use crate::sample::VehicleSample;
 
@@ -340,7 +340,7 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
 /// The formation of this vehicle's step, if an operator has changed it in flight.
 fn changed_formation(team: &Team, sample: &VehicleSample) -> Option<Value> {
     let formation = team.scenario.formation_with(sample.step, &sample.settings);
-    formation.filter(|_| !sample.settings.is_empty()).map(|formation| hello::formation(&formation))
+    formation.filter(|_| !sample.settings.is_empty()).map(|formation| shape::formation(&formation))
 }
 
 /// Where a vehicle probably is that has been silent for this time.

@@ -6,7 +6,7 @@ use skein_common::id::VehicleId;
 use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::metrics::COLLISION_M;
 
-use super::hello::safety_distance_m;
+use super::shape::safety_distance_m;
 use super::snapshot::{Level, ObservedVehicle, Status, Team, Vehicle};
 use crate::display::status::{self, Overview, Row};
 use crate::order::ranges;

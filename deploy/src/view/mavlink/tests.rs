@@ -214,7 +214,7 @@ fn a_summary_is_sent_once_and_a_silent_vehicle_sends_nothing() {
     let next = step(1_100, 0, &flying);
     assert_eq!((count(&next, is_position), count(&next, is_heartbeat)), (4, 0));
     assert_eq!(count(&step(2_000, 0, &flying), is_heartbeat), 4);
-    // A phase is no place: the vehicle is in formation once it is there, and that is said once in a step.
+    // A phase is no place: the vehicle is in formation once it is there, and that is reported once in a step.
     flying.in_place_s = Some(0.0);
     assert_eq!(texts(&step(2_010, 0, &flying)).matches(": in formation").count(), 4);
     flying.in_place_s = None;
