@@ -450,7 +450,9 @@ fn time_on_hold_and_a_change_of_the_members_begin_the_wait_for_progress_anew() {
     let mut one = One::active(TWO, "");
     (one.view.altitude_error_m, one.view.error_m) = (Some(0.0), Some(12.0));
     let fly = |one: &mut One, seconds: std::ops::Range<u16>| {
-        seconds.for_each(|second| drop(one.step(f64::from(second), 30.0)));
+        for second in seconds {
+            one.step(f64::from(second), 30.0);
+        }
         one.mission.membership()
     };
     assert_eq!(fly(&mut one, 3..60), Membership::Active);
