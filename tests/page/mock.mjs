@@ -160,7 +160,7 @@ export class MockSwarm {
     }
     return {
       id: vehicle.id, contact: vehicle.isAlive, silent_s: vehicle.isAlive ? 0.05 : vehicle.silent_s,
-      phase: this.t_s < 14 ? "taking off" : "formation", membership: "active", step: vehicle.step, reached: vehicle.reached,
+      phase: this.t_s < 14 ? "taking off" : "formation", in_place_s: this.t_s < 14 ? null : this.t_s - 14, membership: "active", step: vehicle.step, reached: vehicle.reached,
       live: peers.filter(([, , status]) => status !== "lost").length + 1,
       ne_m: [0, 1].map((axis) => vehicle.ne[axis] + vehicle.place[axis]), altitude_m: vehicle.altitude,
       velocity_ned_m_s: [...vehicle.v, 0], attitude_rad: [0.02, -0.03, vehicle.heading],

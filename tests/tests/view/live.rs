@@ -98,7 +98,8 @@ fn a_live_swarm_is_shown_where_it_is_and_a_killed_vehicle_becomes_a_ghost() {
     page.wait_for("end of the problem", |message| message["type"] == "problem" && message["text"].is_null());
     let is_formed = |message: &Value| {
         let vehicles = message["vehicles"].as_array();
-        vehicles.is_some_and(|all| all.len() == 4 && all.iter().all(|one| one["phase"] == "formation"))
+        let is_placed = |one: &Value| one["phase"] == "formation" && one["in_place_s"].is_number();
+        vehicles.is_some_and(|all| all.len() == 4 && all.iter().all(is_placed))
     };
     let formed = page.wait_for("formation of four", is_formed);
     assert!(
