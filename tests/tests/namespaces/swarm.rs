@@ -179,7 +179,8 @@ impl Swarm {
             let fields: Vec<f64> = time.split(':').map(str::parse).collect::<Result<_, _>>().ok()?;
             let &[hours, minutes, seconds] = fields.as_slice() else { return None };
             let at_s = (3600.0 * hours + 60.0 * minutes + seconds - self.began_s).rem_euclid(DAY_S);
-            let (id, what) = rest.trim().strip_prefix("INFO vehicle ")?.split_once(' ')?;
+            let (_severity, event) = rest.trim().split_once(' ')?;
+            let (id, what) = event.trim().strip_prefix("vehicle ")?.split_once(' ')?;
             Some(Line { at_s, id: id.parse().ok()?, what: what.to_owned() })
         };
         log.lines().filter_map(line).collect()
