@@ -136,6 +136,7 @@ mod tests {
         let line = "2 of 3 runs not flown to the end, seeds 4 and 5: skein fly --set swarm.vehicles=2 --set duration_s=5 --seed 4\n";
         assert!(text.starts_with("1 of 3 runs: no collision") && text.contains(line), "{text}");
 
+        drop(first);
         let again = plan(&out).expect("a flight without figures is flown again");
         let left: Vec<_> = (0..3).map(|nth| again.run(nth).measured().is_some()).collect();
         assert_eq!(left, [true, true, false]);
