@@ -66,7 +66,9 @@ impl Place {
 
     fn files(&self, seed: u64) -> Vec<String> {
         let files = fs::read_dir(self.out().join(format!("seed-{seed}"))).unwrap();
-        let mut files: Vec<String> = files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
+        let names = files.map(|file| file.unwrap().file_name().into_string().unwrap());
+        // The file by which a command claims the folder stays, empty.
+        let mut files: Vec<String> = names.filter(|name| name != ".skein-lock").collect();
         files.sort();
         files
     }
