@@ -58,14 +58,14 @@ fn fly_over_the_protocol(latitude_deg: f64, centre_ne_m: [f64; 2]) {
     while !(0..3).all(|nth| swarm.agent(nth).membership() == Membership::Left && last_heights_m[nth] < 1.0) {
         assert!(swarm.now().seconds() < LIMIT_S, "{what}: not landed, at {last_heights_m:?} m: {:?}", swarm.events);
         swarm.run();
-        for nth in 0..3 {
+        for (nth, last_height_m) in last_heights_m.iter_mut().enumerate() {
             let (position, height_m) = swarm.place(nth);
             assert!((position.altitude_m() - height_m).abs() < 1e-3, "{what}: {position:?} at {height_m} m");
             if let Some(estimate) = swarm.agent(nth).position() {
                 let off_m = (estimate - position).norm();
                 assert!(off_m < 1.0, "{what}: the agent is {off_m} m from where it believes to be");
             }
-            last_heights_m[nth] = height_m;
+            *last_height_m = height_m;
         }
         // The last second before the landing.
         if !was_checked && (0..3).any(|nth| swarm.agent(nth).has_finished()) {
