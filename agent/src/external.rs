@@ -7,9 +7,10 @@
 //!        +-------------- newest reply in time -------------------+    +------ line ------+
 //! ```
 //!
-//! A reply that is late or not valid is counted, and the first of each kind is logged; to the agent the query had no
+//! A reply that is late or not valid is counted, and the agent reports the first of each kind; to it the query had no
 //! reply. A law that ends is started again; a law that disconnects may connect again.
 
+use std::collections::VecDeque;
 use std::fmt;
 use std::net::TcpListener;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -19,6 +20,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
+use skein_common::message::ShortText;
 use skein_common::scenario::Scenario;
 
 use skein_core::formation::external::{LawQuery, LawReply};
@@ -36,11 +38,19 @@ const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// A datagram without a reply is sent again after this time.
 const RESEND_DELAY: Duration = Duration::from_secs(1);
 
+/// What waits for the control thread.
+#[derive(Debug, Default)]
+struct FromLaw {
+    reply: Option<LawReply>,
+    /// Why something was refused, at most once for each kind of fault.
+    refusals: VecDeque<ShortText>,
+}
+
 /// The external law of one vehicle. Dropping it sends the law a bye.
 #[derive(Debug)]
 pub struct LiveLaw {
     events: SyncSender<Event>,
-    newest: Arc<Mutex<Option<LawReply>>>,
+    newest: Arc<Mutex<FromLaw>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -60,7 +70,7 @@ impl LiveLaw {
     pub fn start(scenario: &Scenario, own: VehicleId) -> Result<Option<Self>, ExternalError> {
         let Some(transport) = LawTransport::of(scenario)? else { return Ok(None) };
         let (events, queue) = sync_channel(QUEUE);
-        let (newest, stop) = (Arc::new(Mutex::new(None)), Arc::new(AtomicBool::new(false)));
+        let (newest, stop) = (Arc::new(Mutex::new(FromLaw::default())), Arc::new(AtomicBool::new(false)));
         let mut law_thread = LawThread {
             own,
             hello: Hello::new(scenario, own, Time::Real),
@@ -91,9 +101,11 @@ impl LiveLaw {
         let _ = self.events.try_send(Event::Query(Box::new(ask), now()));
     }
 
-    /// The newest reply since the last call that came in time. Never waits.
-    pub fn answer(&self) -> Option<LawReply> {
-        self.newest.try_lock().ok()?.take()
+    /// The newest reply since the last call that came in time, and the reason why something else was refused: one reason a
+    /// call, and each kind of reason once. Never waits.
+    pub fn take(&self) -> (Option<LawReply>, Option<ShortText>) {
+        let Ok(mut newest) = self.newest.try_lock() else { return (None, None) };
+        (newest.reply.take(), newest.refusals.pop_front())
     }
 }
 
@@ -126,7 +138,7 @@ struct LawThread {
     deadline: Duration,
     listener: Option<TcpListener>,
     events: SyncSender<Event>,
-    newest: Arc<Mutex<Option<LawReply>>>,
+    newest: Arc<Mutex<FromLaw>>,
     session: Option<LawSession>,
     /// Number of sessions so far, which is the number of the current one.
     sessions: u64,
@@ -281,7 +293,7 @@ impl LawThread {
         if is_late {
             return Err(late);
         }
-        *self.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(answer);
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner).reply = Some(answer);
         Ok(())
     }
 
@@ -290,7 +302,8 @@ impl LawThread {
         *count += 1;
         // Its consequences are missed replies, and the agent counts those.
         if *count == 1 {
-            tracing::warn!("vehicle {}'s law: {fault}; more of the kind are only counted", self.own);
+            let reason = ShortText::beginning_of(&fault.to_string());
+            self.newest.lock().unwrap_or_else(PoisonError::into_inner).refusals.push_back(reason);
         }
         if !matches!(fault, Fault::Late(_)) {
             self.open = None;

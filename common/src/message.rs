@@ -258,6 +258,9 @@ pub enum EventKind {
     /// The mission has come to its landing, and the vehicle waits with it: vehicles of another partition, whose places it does
     /// not know, may be below.
     LandingWaits,
+    /// The external law sent what is no answer to the open request. The text is the reason; it is reported once for each kind
+    /// of reason.
+    LawAnswerRefused(ShortText),
 }
 
 /// A failure that an agent detected of its own vehicle, with the agent's response. They are ordered from the mildest to the
@@ -349,6 +352,7 @@ impl std::fmt::Display for EventKind {
                 write!(f, "refuses {setting}, which cannot be flown with the other settings")
             }
             Self::LandingWaits => f.write_str("waits with its landing, another partition may be below"),
+            Self::LawAnswerRefused(reason) => write!(f, "refuses what the external law sent: {reason}"),
         }
     }
 }
@@ -385,6 +389,7 @@ message!(Event, 192, |message| Author::Vehicle(message.header.sender), |message|
     EventKind::SimulatorFault(fault) => fault.is_plausible(),
     EventKind::OrderTaken(order) => order.is_plausible(),
     EventKind::SettingRefused(setting) => setting.is_in_range(),
+    EventKind::LawAnswerRefused(reason) => reason.is_printable(),
     _ => true,
 });
 

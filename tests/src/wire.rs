@@ -518,6 +518,7 @@ impl Swarm {
             centre_ne_m: agent.centre_ne_m(),
             in_contact: agent.peers_in_contact(),
             fresh: agent.fresh_peers(),
+            fallback_flies: agent.fallback_flies(),
         }
     }
 }

@@ -39,7 +39,7 @@ use core::ops::RangeInclusive;
 use nalgebra::{Vector2, Vector3};
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{EventKind, LawNumber};
+use skein_common::message::{EventKind, LawNumber, ShortText};
 use skein_common::scenario::{self, Scenario};
 use skein_common::state::PeerStatus;
 use skein_common::time::PlantTime;
@@ -282,10 +282,11 @@ impl Formation {
         self.filter.map(|_| self.activations)
     }
 
-    /// Sets the time of the next step and takes the reply of an external law, if there is one.
-    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::LawReply>) {
+    /// Sets the time of the next step and takes the reply of an external law, if there is one, and the reason why something
+    /// else that it sent was refused.
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::LawReply>, refusal: Option<ShortText>) {
         if let Some(external) = &mut self.external {
-            external.receive_reply(now, answer);
+            external.receive_reply(now, answer, refusal);
         }
     }
 
@@ -297,6 +298,11 @@ impl Formation {
     /// Number of queries without a reply from an external law; `None` without such a law.
     pub fn law_misses(&self) -> Option<u64> {
         self.external.as_ref().map(External::misses)
+    }
+
+    /// Whether the fallback flies in the place of an external law; `None` where the vehicle flies by no external law.
+    pub fn fallback_flies(&self) -> Option<bool> {
+        self.external.as_ref().and_then(External::fallback_flies)
     }
 
     /// The numbers an external law wants recorded.

@@ -56,7 +56,7 @@ fn answer_to(law: &LiveLaw, mut tick: u64, within: Duration) -> Option<LawReply>
             law.ask(ask(tick));
             (tick, next) = (tick + 1, now() + Duration::from_millis(200));
         }
-        if let Some(answer) = law.answer() {
+        if let Some(answer) = law.take().0 {
             return Some(answer);
         }
         sleep_until(now() + Duration::from_millis(5));
@@ -70,7 +70,7 @@ fn a_law_process_replies() {
     let answer = answer_to(&law, 40, TIMEOUT).unwrap();
     assert_eq!((answer.vehicle, answer.command), (id(2), ReplyCommand::VelocityNed(Vector3::new(1.0, 2.0, 3.0))));
     assert!(answer.tick >= 40);
-    assert_eq!(law.answer(), None, "every reply is returned once");
+    assert_eq!(law.take().0, None, "every reply is returned once");
 }
 
 /// Asserts that no reply of these programs to a query is passed on. The programs run side by side.
@@ -107,6 +107,22 @@ fn replies_without_three_finite_numbers_are_not_passed_on() {
 }
 
 #[test]
+fn the_reason_of_a_refused_reply_is_passed_on_once() {
+    let law = shell(&answering("2", "$tick", "[1,2]"));
+    let (mut reasons, mut tick) = (Vec::new(), 1);
+    let until = now() + TIMEOUT;
+    // Some more queries after the first reason.
+    let mut left = 5;
+    while left > 0 && now() < until {
+        law.ask(ask(tick));
+        sleep_until(now() + Duration::from_millis(100));
+        reasons.extend(law.take().1.map(|reason| reason.to_string()));
+        (tick, left) = (tick + 1, left - u64::from(!reasons.is_empty()));
+    }
+    assert_eq!(reasons, ["a reply whose velocity_ned_m_s is not three finite numbers"]);
+}
+
+#[test]
 fn a_program_that_never_replies_does_not_delay_the_vehicle() {
     let always_ready = r#"while true; do echo '{"say":"ready","protocol":1}'; done"#;
     assert_no_replies(&["true", "exec <&-; sleep 1000", "exec >&-; sleep 1000", always_ready]);
@@ -126,7 +142,7 @@ fn a_late_reply_is_dropped_and_the_next_in_time_is_used() {
         // Each query is given up before the next.
         law.ask(ask(tick));
         sleep_until(now() + Duration::from_millis(700));
-        if let Some(answer) = law.answer() {
+        if let Some(answer) = law.take().0 {
             break answer;
         }
         assert!(now() < until);
@@ -217,7 +233,7 @@ fn vector_queries_are_repeated_and_replies_accepted_from_any_port() {
         law.ask(ask(7));
         elsewhere.send_to(&answer, ("127.0.0.1", port + 102)).unwrap();
         sleep_until(now() + Duration::from_millis(50));
-        if let Some(answered) = law.answer() {
+        if let Some(answered) = law.take().0 {
             break answered;
         }
         assert!(now() < until);

@@ -289,6 +289,7 @@ mod tests {
             step_us: None,
             safety_activations: None,
             law_misses: None,
+            fallback_flies: None,
             law_log: Vec::new(),
             frame_overruns: 0,
             state_messages: 0,

@@ -217,7 +217,7 @@ impl Control {
         inputs.plant_time = frame.map_or(inputs.plant_time, |frame| frame.time);
         inputs.measurement = frame.map(|frame| frame.measurement);
         inputs.leave = self.stop.is_requested();
-        inputs.answer = self.law.as_ref().and_then(LiveLaw::answer);
+        (inputs.answer, inputs.refusal) = self.law.as_ref().map(LiveLaw::take).unwrap_or_default();
     }
 
     /// Lets the simulator draw the peers where they are now.

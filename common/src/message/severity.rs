@@ -43,7 +43,8 @@ impl EventKind {
             | Self::Skipped { .. }
             | Self::SimulatorStopped(_)
             | Self::SettingRefused(_)
-            | Self::LandingWaits => Severity::Warning,
+            | Self::LandingWaits
+            | Self::LawAnswerRefused(_) => Severity::Warning,
             Self::FrameRate(rate_hz) if *rate_hz >= FULL_FRAME_RATE_HZ => Severity::Info,
             Self::FrameRate(_) => Severity::Warning,
             Self::SimulatorFault(fault) if fault.is_wanted() => Severity::Info,

@@ -115,11 +115,21 @@ impl ShortText {
         let length = text.chars().count();
         let is_cut = length > Self::MAX_LENGTH;
         let skipped = if is_cut { length - Self::MAX_LENGTH + Self::CUT.len() } else { 0 };
-        let kept = text.chars().skip(skipped).map(|c| if Self::is_shown(c) { c } else { '?' });
+        Self::safe(if is_cut { Self::CUT } else { "" }.chars().chain(text.chars().skip(skipped)))
+    }
+
+    /// Like [`Self::of`], but of a longer text the beginning is kept, because a sentence begins with what it is about.
+    pub fn beginning_of(text: &str) -> Self {
+        if text.chars().count() <= Self::MAX_LENGTH {
+            return Self::safe(text.chars());
+        }
+        Self::safe(text.chars().take(Self::MAX_LENGTH - Self::CUT.len()).chain(Self::CUT.chars()))
+    }
+
+    /// As many of these characters as fit, of one byte each.
+    fn safe(text: impl Iterator<Item = char>) -> Self {
         let mut short = ArrayString::new();
-        let all = if is_cut { Self::CUT } else { "" }.chars().chain(kept);
-        // As many characters as fit are left, of one byte each.
-        all.for_each(|c| _ = short.try_push(c));
+        text.map(|c| if Self::is_shown(c) { c } else { '?' }).for_each(|c| _ = short.try_push(c));
         Self(short)
     }
 
@@ -132,7 +142,7 @@ impl ShortText {
         c == ' ' || c.is_ascii_graphic()
     }
 
-    fn is_printable(&self) -> bool {
+    pub(super) fn is_printable(&self) -> bool {
         self.0.chars().all(Self::is_shown)
     }
 }
@@ -156,5 +166,8 @@ mod tests {
         let short = ShortText::of(&long);
         assert!(short.as_str().starts_with("...??") && short.as_str().ends_with("?/r22.acf"), "{short}");
         assert_eq!(short.as_str().len(), ShortText::MAX_LENGTH);
+        let beginning = ShortText::beginning_of(&long);
+        assert!(beginning.as_str().starts_with("???") && beginning.as_str().ends_with("?..."), "{beginning}");
+        assert_eq!((beginning.as_str().len(), ShortText::beginning_of("a\n").as_str()), (96, "a?"));
     }
 }

@@ -69,6 +69,10 @@ pub struct Trace {
     pub safety_activations: Option<u64>,
     /// Number of requests that the external law did not answer since the start; null without an external law.
     pub law_misses: Option<u64>,
+    /// Whether the fallback flies in the place of the external law; null where the vehicle flies by no external law, and from
+    /// releases that did not record it.
+    #[serde(default)]
+    pub fallback_flies: Option<bool>,
     /// Numbers that the external law asked to record with its last answer.
     pub law_log: Vec<LawNumber>,
     /// Number of steps that ended after the next frame was due, since the start.

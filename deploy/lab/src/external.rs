@@ -20,6 +20,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use skein_common::id::VehicleId;
+use skein_common::message::ShortText;
 use skein_common::scenario::Scenario;
 use skein_core::formation::external::{LawQuery, LawReply};
 use skein_host::external::protocol::{self, Fault, Hello, MessageFromLaw, MessageToLaw, Time};
@@ -197,6 +198,9 @@ struct Conversation {
     closed: BTreeSet<(VehicleId, u64)>,
     /// Whether a warning about each kind of fault was printed.
     warned: [bool; Fault::KINDS],
+    /// Whether the agent has each kind of fault to report since the last hello, and the reasons that it has not got yet.
+    refused: [bool; Fault::KINDS],
+    refusals: Vec<ShortText>,
 }
 
 impl Programs {
@@ -300,6 +304,8 @@ impl Programs {
         }
         for (conversation, open) in self.conversations.iter_mut().zip(open) {
             conversation.wait_for_answers(open, |answer| world.answer(answer))?;
+            let vehicle = conversation.first_vehicle();
+            conversation.refusals.drain(..).for_each(|reason| world.refuse(vehicle, reason));
         }
         Ok(())
     }
@@ -337,6 +343,8 @@ impl Conversation {
             has_answered: false,
             closed: BTreeSet::new(),
             warned: [false; Fault::KINDS],
+            refused: [false; Fault::KINDS],
+            refusals: Vec::new(),
         }
     }
 
@@ -359,6 +367,7 @@ impl Conversation {
     /// Sends the hellos of the vehicles that this law serves.
     fn send_hellos(&mut self, hellos: &[Hello]) -> Result<(), LawError> {
         let vehicles = self.vehicles.clone();
+        self.refused = [false; Fault::KINDS];
         for hello in hellos.iter().filter(|hello| vehicles.contains(&hello.vehicle)) {
             // The ticks of a restarted agent count from 0 again.
             self.closed.retain(|(vehicle, _)| *vehicle != hello.vehicle);
@@ -465,8 +474,12 @@ impl Conversation {
         }
     }
 
-    /// Prints a warning about the first fault of each kind.
+    /// Keeps the first fault of each kind for the agent to report, and prints a warning about it if there was none yet in an
+    /// earlier run.
     fn warn_once(&mut self, fault: &Fault) {
+        if !std::mem::replace(&mut self.refused[fault.kind()], true) {
+            self.refusals.push(ShortText::beginning_of(&fault.to_string()));
+        }
         if !std::mem::replace(&mut self.warned[fault.kind()], true) {
             crate::terminal::complain(&format!(
                 "vehicle {}'s law: {fault}; more of the kind are only counted",

@@ -55,6 +55,7 @@
 pub mod across;
 mod ages;
 mod crashes;
+mod fallback;
 pub mod figures;
 mod fleet;
 mod flock;
@@ -88,6 +89,7 @@ use crate::faults::InjectedFault;
 use ages::AgeSampling;
 pub(crate) use crashes::CrashDetector;
 use crashes::Crashes;
+use fallback::Fallback;
 pub use figures::{Direction, WALL_CLOCK_KEYS};
 pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};
 use flock::{Alignment, Following};
@@ -159,6 +161,7 @@ pub struct Metrics {
     transients: Transients,
     crashes: Crashes,
     handling: Handling,
+    fallback: Fallback,
     separations: Separations,
     max_tilt_rad: f64,
     stick_square: series::Mean,
@@ -240,6 +243,7 @@ impl Metrics {
             transients: Transients::default(),
             crashes: Crashes::new(vehicles),
             handling: Handling::new(vehicles, law != Law::External),
+            fallback: Fallback::new(vehicles),
             separations: Separations::new(vehicles),
             max_tilt_rad: 0.0,
             stick_square: series::Mean::default(),
@@ -285,6 +289,7 @@ impl Metrics {
         self.graph.observe(t_s, vehicles, &self.members, self.alignment.directions());
         self.observe_members(t_s, vehicles);
         self.handling.observe(t_s, vehicles);
+        self.fallback.observe(vehicles);
         self.observe_effort(since_s, vehicles);
     }
 

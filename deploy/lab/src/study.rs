@@ -158,6 +158,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
             reached: agent.reached(),
             centre_ne_m: agent.centre_ne_m(),
             in_contact: agent.peers_in_contact(),
+            fallback_flies: agent.fallback_flies(),
             fresh: if needs_fresh { agent.fresh_peers() } else { VehicleSet::default() },
         });
     }

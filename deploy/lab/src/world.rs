@@ -22,7 +22,7 @@ use std::num::NonZeroUsize;
 
 use skein_common::frame::Origin;
 use skein_common::id::VehicleId;
-use skein_common::message::{self, EventKind, Intent, Message, Trace};
+use skein_common::message::{self, EventKind, Intent, Message, ShortText, Trace};
 use skein_common::scenario::{ControlMode, Scenario};
 use skein_common::state::Membership;
 use skein_common::time::LocalTime;
@@ -255,6 +255,13 @@ impl World {
         }
     }
 
+    /// What the law of this vehicle sent was refused for this reason: its agent reports one reason a tick.
+    pub fn refuse(&mut self, id: VehicleId, reason: ShortText) {
+        if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id) {
+            vehicle.refusals.push_back(reason);
+        }
+    }
+
     /// From now on flies a helicopter by these controls, whatever its agent commands; by its agent again with `None`.
     pub fn set_controls(&mut self, id: VehicleId, controls: Option<Controls>) {
         if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id) {
@@ -416,6 +423,7 @@ impl World {
         let Some(station) = vehicle.station.take() else { return };
         vehicle.clocks = *station.clocks();
         (vehicle.heartbeat, vehicle.command, vehicle.answer) = (None, None, None);
+        vehicle.refusals.clear();
         self.ended_totals = with_counts(self.ended_totals, station.agent());
         self.in_flight.push(PeerMessage::Vanished(vehicle.id));
         self.pending_faults.push(InjectedFault::Died(vehicle.id));

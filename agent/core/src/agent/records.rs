@@ -49,6 +49,7 @@ impl Agent {
             step_us: None,
             safety_activations: self.formation.safety_activations(),
             law_misses: self.law_misses(),
+            fallback_flies: self.fallback_flies(),
             law_log: self.formation.law_log().to_vec(),
             frame_overruns: 0,
             state_messages: self.schedule.state_messages(),

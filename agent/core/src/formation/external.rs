@@ -16,7 +16,7 @@ use alloc::vec::Vec;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use skein_common::id::VehicleId;
-use skein_common::message::{EventKind, LawNumber};
+use skein_common::message::{EventKind, LawNumber, ShortText};
 use skein_common::scenario;
 use skein_common::time::PlantTime;
 
@@ -135,8 +135,11 @@ pub struct External {
     last: Option<LawReply>,
     misses_in_a_row: u32,
     misses: u64,
-    /// Query and event to hand out after this step.
+    /// Whether the law flies the vehicle by now; `None` while it is suspended.
+    flies: Option<bool>,
+    /// Query and events to hand out after this step.
     ask: Option<LawQuery>,
+    refusal: Option<ShortText>,
     event: Option<EventKind>,
 }
 
@@ -155,14 +158,18 @@ impl External {
             last: None,
             misses_in_a_row: 0,
             misses: 0,
+            flies: None,
             ask: None,
+            refusal: None,
             event: None,
         }
     }
 
-    /// Sets the time of this step and takes a reply, if there is one. Only a reply to the pending query is accepted.
-    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&LawReply>) {
+    /// Sets the time of this step and takes a reply, if there is one, and the reason why something else was refused. Only a
+    /// reply to the pending query is accepted.
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&LawReply>, refusal: Option<ShortText>) {
         self.now = now;
+        self.refusal = refusal;
         let Some(answer) = answer.filter(|answer| self.pending == Some(answer.tick)) else { return };
         self.event = self.is_lost().then_some(EventKind::LawBack);
         (self.pending, self.misses_in_a_row) = (None, 0);
@@ -173,6 +180,7 @@ impl External {
     /// lost.
     pub fn output(&mut self, observation: &Observation<'_>) -> Option<ExternalLawOutput> {
         self.query_if_due(observation);
+        self.flies = Some(!self.is_lost());
         if self.is_lost() {
             return None;
         }
@@ -226,10 +234,12 @@ impl External {
     /// Suspends the law while the vehicle does not fly a formation: its last reply is dropped.
     pub fn suspend(&mut self) {
         (self.next_query, self.pending, self.last, self.misses_in_a_row) = (None, None, None, 0);
+        self.flies = None;
     }
 
-    /// Takes the query to send after this step, and adds the law's event to `happened`.
+    /// Takes the query to send after this step, and adds the law's events to `happened`.
     pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<LawQuery> {
+        happened.extend(self.refusal.take().map(EventKind::LawAnswerRefused));
         happened.extend(self.event.take());
         self.ask.take()
     }
@@ -237,6 +247,11 @@ impl External {
     /// Number of queries without a reply so far.
     pub fn misses(&self) -> u64 {
         self.misses
+    }
+
+    /// Whether the fallback flies in the place of the law; `None` while the law is suspended.
+    pub fn fallback_flies(&self) -> Option<bool> {
+        self.flies.map(|flies| !flies)
     }
 
     /// The numbers the law wants recorded.

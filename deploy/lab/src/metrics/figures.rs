@@ -41,7 +41,7 @@ const fn figure(
 
 /// All figures, in the order of `metrics.json`.
 #[rustfmt::skip]
-pub const FIGURES: [Figure; 57] = [
+pub const FIGURES: [Figure; 58] = [
     figure("duration_s", "s", None, "length of a run", "Length of the window of the figures."),
     figure("at_altitude_s", "s", Some(More), "all at their altitude from then on", "First time after which every vehicle stays within 10 % of its altitude to the end of the window. In a mission of several places each settling figure counts at the step of each vehicle, and none is in `never`."),
     figure("in_band_s", "s", Some(More), "all in the band from then on", "First time after which every vehicle stays in the band of its step (under a law of flocks inside the area). Slots in a line, V, grid or list have no band."),
@@ -95,7 +95,8 @@ pub const FIGURES: [Figure; 57] = [
     figure("step_p50_us", "us", Some(More), "median duration of a step", "Median time from a frame's arrival to its last control, in real time."),
     figure("step_p99_us", "us", Some(More), "99th percentile duration of a step", "99th percentile of the time from a frame's arrival to its last control, in real time."),
     figure("frame_overruns", "frames", Some(More), "steps that ended too late", "Steps that ended after the next frame was due; under a central controller, in a study too, frames that it skipped."),
-    figure("law_misses", "asks", Some(More), "requests that the external law missed", "Asks that an external law did not answer in time."),
+    figure("law_misses", "asks", Some(More), "requests that the external law missed", "Asks that an external law did not answer in time, or answered with what is no answer."),
+    figure("fallback_share", "share of time", Some(More), "flown by the fallback, not by the external law", "Share of the time in which the fallback flew in the place of an external law, of the vehicle where it is largest. A run with more than 0.1 has failed."),
     figure("wall_s", "s", None, "duration by the wall clock", "Time that the run took by the wall clock."),
     figure("real_time_factor", "s/s", None, "seconds flown for each second", "Time flown, joining included, for each second of wall clock."),
     figure("never", "keys", None, "events that never happened", "Figures whose event could have happened but never did."),

@@ -20,7 +20,8 @@ pub struct Measured {
     pub figures: BTreeMap<String, Option<f64>>,
     /// Keys of what could have happened and never did.
     pub never: BTreeSet<String>,
-    /// The vehicles that were not under control: id, key and value of a figure beyond [`limits::HANDLING`].
+    /// The vehicles that were not under control or not flown by their law: id, key and value of a figure beyond
+    /// [`limits::OF_EVERY_RUN`].
     pub uncontrolled: Vec<(String, &'static str, f64)>,
 }
 
@@ -92,11 +93,11 @@ impl Measured {
     }
 }
 
-/// The figures of vehicles that are beyond the limits of handling.
+/// The figures of vehicles that are beyond the limits of every run.
 fn uncontrolled(vehicles: &Value) -> Vec<(String, &'static str, f64)> {
     let mut all: Vec<(u32, &'static str, f64)> = Vec::new();
     for (id, figures) in vehicles.as_object().into_iter().flatten() {
-        for (key, limit) in limits::HANDLING {
+        for (key, limit) in limits::OF_EVERY_RUN {
             let value = figures.get(key).and_then(Value::as_f64).filter(|value| *value > limit);
             all.extend(id.parse().ok().zip(value).map(|(id, value)| (id, key, value)));
         }

@@ -139,6 +139,7 @@ pub struct Report {
     pub step_p99_us: Option<f64>,
     pub frame_overruns: Option<u64>,
     pub law_misses: Option<u64>,
+    pub fallback_share: Option<f64>,
     pub wall_s: f64,
     pub real_time_factor: f64,
     /// Keys of figures whose event could have happened but never did.
@@ -158,6 +159,7 @@ pub struct VehicleReport {
     pub heading_error_rms_deg: Option<f64>,
     pub max_turn_rate_deg_s: Option<f64>,
     pub stick_saturation: Option<f64>,
+    pub fallback_share: Option<f64>,
     pub energy_j: Option<f64>,
 }
 
@@ -244,6 +246,7 @@ impl Metrics {
             step_p99_us: self.steps_us.quantile(0.99),
             frame_overruns: (live || self.is_central).then_some(self.totals.frame_overruns),
             law_misses: self.totals.law_misses,
+            fallback_share: self.fallback.worst(),
             wall_s: wall.wall_s,
             real_time_factor: wall.real_time_factor,
             never: self.never(&settled, &delays_after_faults),
@@ -305,6 +308,7 @@ impl Metrics {
                 heading_error_rms_deg: handling.heading_error_rms_deg,
                 max_turn_rate_deg_s: handling.max_turn_rate_deg_s,
                 stick_saturation: handling.stick_saturation,
+                fallback_share: self.fallback.share(nth),
                 energy_j: effort.energy_j,
             };
             ((nth + 1).to_string(), report)

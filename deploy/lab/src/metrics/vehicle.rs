@@ -28,6 +28,8 @@ pub struct VehicleNow {
     /// Peers whose newest state arrived less than 0.5 s ago, however long it was in flight. Only some observations look at
     /// it ([`Metrics::observes_formation`](super::Metrics::observes_formation)).
     pub fresh: VehicleSet,
+    /// Whether the fallback flies in the place of an external law; `None` where it flies by no external law.
+    pub fallback_flies: Option<bool>,
 }
 
 impl VehicleNow {
@@ -44,6 +46,7 @@ impl VehicleNow {
             centre_ne_m: Vector2::zeros(),
             in_contact: VehicleSet::default(),
             fresh: VehicleSet::default(),
+            fallback_flies: None,
         }
     }
 

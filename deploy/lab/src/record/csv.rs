@@ -58,7 +58,7 @@ fn traces(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
 type Cell = fn(&Trace) -> String;
 
 /// The columns of `trace.csv` after the time.
-const COLUMNS: [(&str, Cell); 41] = [
+const COLUMNS: [(&str, Cell); 42] = [
     ("vehicle", |trace| trace.header.sender.to_string()),
     ("incarnation", |trace| trace.header.incarnation.0.to_string()),
     ("sequence", |trace| trace.header.sequence.to_string()),
@@ -100,6 +100,7 @@ const COLUMNS: [(&str, Cell); 41] = [
     ("state_messages", |trace| trace.state_messages.to_string()),
     ("state_bytes", |trace| trace.state_bytes.to_string()),
     ("law_misses", |trace| number(trace.law_misses)),
+    ("fallback_flies", |trace| number(trace.fallback_flies)),
 ];
 
 /// Formats a cell that may be empty.

@@ -9,9 +9,11 @@ use crate::metrics::{Measured, Outcome};
 
 /// The figures that a reader looks for first. The table has the first [`HEADLINES`] of these that
 /// the runs have.
-const HEADLINE: [&str; 20] = [
+const HEADLINE: [&str; 22] = [
     "collisions",
     "crashes",
+    "law_misses",
+    "fallback_share",
     "min_separation_m",
     "setpoints_reached",
     "at_altitude_s",

@@ -19,7 +19,7 @@ struct Failure {
     is_it: fn(&Measured) -> bool,
 }
 
-const FAILURES: [Failure; 10] = [
+const FAILURES: [Failure; 11] = [
     Failure { text: "not flown to the end", is_it: |run| run.texts.contains_key(FAILURE) },
     Failure { text: "with a collision", is_it: |run| is_above_zero(run, "collisions") },
     Failure { text: "with a crash", is_it: |run| is_above_zero(run, "crashes") },
@@ -29,18 +29,20 @@ const FAILURES: [Failure; 10] = [
     },
     Failure { text: HEADING_LOST, is_it: |run| is_uncontrolled(run, "heading_error_rms_deg") },
     Failure { text: AT_STOPS, is_it: |run| is_uncontrolled(run, "stick_saturation") },
+    Failure { text: FALLBACK, is_it: |run| is_uncontrolled(run, "fallback_share") },
     Failure { text: "with a lost peer that was not detected within 30 s", is_it: |run| never(run, "detection_s") },
     Failure { text: "with a returned peer that was not rejoined within 30 s", is_it: |run| never(run, "rejoin_s") },
     Failure { text: "with a failure that its vehicle did not report", is_it: |run| never(run, "response_s") },
     Failure { text: "not back in formation 120 s after a change", is_it: |run| never(run, "transient_s") },
 ];
 
-/// The texts of runs with a vehicle that is not under control.
+/// The texts of runs with a vehicle that is not under control, or not flown by its law.
 const HEADING_LOST: &str = "with a vehicle that does not keep its heading";
 const AT_STOPS: &str = "with controls at their stops";
+const FALLBACK: &str = "with the fallback in the place of the external law";
 
 fn is_uncontrolled(run: &Measured, key: &str) -> bool {
-    let limit = limits::of_handling(key);
+    let limit = limits::of_every_run(key);
     matches!((run.outcome(key), limit), (Some(Outcome::Value(value)), Some(limit)) if value > limit)
 }
 
@@ -49,9 +51,10 @@ pub(crate) fn detail(run: &Measured, text: &str) -> String {
     let (key, shown): (_, fn(f64) -> String) = match text {
         HEADING_LOST => ("heading_error_rms_deg", |value| format!("{value:.0}° root mean square")),
         AT_STOPS => ("stick_saturation", |value| format!("{:.0} % of the time", 100.0 * value)),
+        FALLBACK => ("fallback_share", |value| format!("{:.0} % of the time", 100.0 * value)),
         _ => return String::new(),
     };
-    let Some((limit, Outcome::Value(worst))) = limits::of_handling(key).zip(run.outcome(key)) else {
+    let Some((limit, Outcome::Value(worst))) = limits::of_every_run(key).zip(run.outcome(key)) else {
         return String::new();
     };
     let vehicles: Vec<String> =
@@ -64,12 +67,12 @@ pub(crate) fn detail(run: &Measured, text: &str) -> String {
     format!(" ({who}{}, at most {})", shown(worst), shown(limit).trim_end_matches(" root mean square"))
 }
 
-/// Whether every vehicle kept its heading and had travel left in its controls.
+/// Whether every vehicle kept its heading, had travel left in its controls and was flown by its law.
 ///
 /// # Errors
 /// Which vehicles did not, by how much, and the limit.
 pub fn under_control(run: &Measured) -> Result<(), String> {
-    let lost = failures(run).filter(|text| [HEADING_LOST, AT_STOPS].contains(text));
+    let lost = failures(run).filter(|text| [HEADING_LOST, AT_STOPS, FALLBACK].contains(text));
     let lost: Vec<String> = lost.map(|text| format!("a flight {text}{}", detail(run, text))).collect();
     if lost.is_empty() { Ok(()) } else { Err(lost.join("; ")) }
 }

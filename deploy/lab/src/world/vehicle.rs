@@ -1,9 +1,10 @@
 //! One vehicle of a world: its helicopter, its failures, and the station with its agent.
 
+use std::collections::VecDeque;
 use std::mem;
 
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Heartbeat, Trace};
+use skein_common::message::{Heartbeat, ShortText, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::{Agent, Outputs};
@@ -56,6 +57,8 @@ pub(super) struct Vehicle {
     pub(super) intents: Vec<ReceivedIntent>,
     /// Answer of the external law for the next step.
     pub(super) answer: Option<LawReply>,
+    /// Why other things that the law sent were refused.
+    pub(super) refusals: VecDeque<ShortText>,
     /// The newest heartbeat, which a restarted agent receives first.
     pub(super) heartbeat: Option<Heartbeat>,
     pub(super) truth: GroundTruth,
@@ -95,6 +98,7 @@ impl Vehicle {
             strangers: 0,
             intents: Vec::new(),
             answer: None,
+            refusals: VecDeque::new(),
             heartbeat: None,
             plant_time: PlantTime::ZERO,
             command: None,
@@ -173,11 +177,12 @@ impl Vehicle {
     ) -> Option<Outputs> {
         let station = self.station.as_mut()?;
         station.controls_are(self.moved_by.and_then(Command::controls));
-        let answer = self.answer.take();
+        let (answer, refusal) = (self.answer.take(), self.refusals.pop_front());
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
         let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());
         let strangers = group.map_or(&[][..], Vec::as_slice);
-        Some(station.step(now, plant, false, InPlace { broadcast, strangers, answer: answer.as_ref() }, workspace))
+        let in_place = InPlace { broadcast, strangers, answer: answer.as_ref(), refusal };
+        Some(station.step(now, plant, false, in_place, workspace))
     }
 
     pub(super) fn trace(&mut self, now: LocalTime) -> Option<Trace> {

@@ -145,6 +145,7 @@ fn vehicle_now(step: &Trace) -> VehicleNow {
         reached: step.reached,
         centre_ne_m: step.centre_ne_m.into(),
         in_contact: peers().map(|peer| peer.id).collect(),
+        fallback_flies: step.fallback_flies,
         fresh: peers().filter(|peer| peer.silent_s() < FRESH_S).map(|peer| peer.id).collect(),
         ..VehicleNow::dead(step.header.sender, truth)
     }
@@ -165,9 +166,12 @@ pub(super) fn summary(report: &Report, plan: &Plan) -> String {
         ("peer age p99", figure(report.peer_age_p99_ms, "ms")),
         ("step p50, p99", format!("{}, {}", figure(report.step_p50_us, "µs"), figure(report.step_p99_us, "µs"))),
         ("late frames", report.frame_overruns.map_or_else(|| "-".to_owned(), |late| late.to_string())),
-        ("files", plan.out.display().to_string()),
     ];
-    let figures: String = lines.iter().map(|(name, value)| format!("{name:<18}{value}\n")).collect();
+    let share = report.fallback_share.map(|share| format!(", the fallback flew {:.0} % of the time", 100.0 * share));
+    let of_law = report.law_misses.map(|misses| ("law misses", format!("{misses}{}", share.unwrap_or_default())));
+    let files = ("files", plan.out.display().to_string());
+    let lines = lines.into_iter().chain(of_law).chain([files]);
+    let figures: String = lines.map(|(name, value)| format!("{name:<18}{value}\n")).collect();
     let next = [
         (format!("skein report {}", quoted(&plan.out.display().to_string())), "pictures and tables of this flight"),
         (plan.again.clone(), "the same flight again"),
