@@ -58,7 +58,7 @@ fn two_teams_take_the_same_place_one_after_the_other_the_lower_first() {
     let recording = FleetRecording { folder: folder.path(), scenario_toml: SAME_PLACE, teams_toml: &[] };
     let report = study.fly(NonZeroUsize::MIN, Some(&recording)).unwrap();
     assert_eq!((figure(&report, "collisions"), figure(&report, "setpoints_reached")), (0.0, 3.0));
-    let places = record::read_fleet(&folder.path().join(record::FLEET_FILE)).unwrap();
+    let places = record::read_fleet(&folder.path().join(record::FLEET_FILE)).unwrap().places;
     let (first, second) = (in_second_step(&places, 1), in_second_step(&places, 2));
     assert!(first.1 <= second.0, "{first:?} {second:?}");
     assert!(first.1 - first.0 > 10.0 && second.1 - second.0 > 10.0, "{first:?} {second:?}");

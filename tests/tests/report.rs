@@ -328,3 +328,68 @@ fn reports_of_scenarios_and_of_a_study_need_no_other_files() {
     assert!(fs::read_dir(Path::new(&report).join("csv/alone")).unwrap().count() > 1);
     assert_eq!(skein(&["report", &at("nowhere")]), ExitCode::from(2));
 }
+
+#[test]
+fn a_recording_that_is_cut_off_in_flight_is_not_reported_as_sound() {
+    let temporary = tempfile::tempdir().unwrap();
+    let at = |name: &str| temporary.path().join(name).display().to_string();
+    fs::write(at("two.toml"), "duration_s = 20\nswarm.vehicles = 2\nformation.radius_m = 40\n").unwrap();
+    let study = at("study");
+    assert_eq!(
+        skein(&["study", &at("two.toml"), "--seeds", "0..2", "--set", "record.runs=\"all\"", "--out", &study]),
+        ExitCode::SUCCESS
+    );
+    let run = Path::new(&study).join("seed-0");
+    let whole = fs::read(run.join("run.mcap")).unwrap();
+    let report = |of: &str, name: &str| {
+        let status = skein(&["report", of, "--out", &at(name)]);
+        (status, page(Path::new(&at(name))))
+    };
+    let sentence = "in the middle of the flight: what happened then is unknown.";
+    let cut = at("cut.mcap");
+    fs::write(&cut, &whole[..whole.len() * 2 / 3]).unwrap();
+    let (status, text) = report(&cut, "of-cut");
+    assert_eq!(status, ExitCode::FAILURE);
+    assert!(text.contains(sentence) && text.contains(" of 20 s, ") && !text.contains("\u{2713}"), "{text}");
+    // A repaired file is whole, and its flight still has no end; so has a merged one.
+    assert_eq!(skein(&["record", "--repair", &cut]), ExitCode::SUCCESS);
+    let (status, text) = report(&at("cut.repaired.mcap"), "of-repaired");
+    assert!(status == ExitCode::FAILURE && text.contains(sentence), "{text}");
+    // A file that lacks only its index has the whole flight.
+    fs::write(at("no-index.mcap"), &whole[..whole.len() - 40]).unwrap();
+    let (status, text) = report(&at("no-index.mcap"), "of-no-index");
+    assert!(status == ExitCode::SUCCESS && !text.contains("cut off"), "{text}");
+    // In the folder of its run the figures are those of the whole flight, and the pictures lack its end.
+    fs::copy(&cut, run.join("run.mcap")).unwrap();
+    for (of, name) in [(study.clone(), "of-study"), (run.display().to_string(), "of-run")] {
+        let (status, text) = report(&of, name);
+        assert!(status == ExitCode::FAILURE && text.contains(sentence), "{name}: {text}");
+    }
+    // A damaged piece is missing, and the flight ends.
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 2] ^= 0x10;
+    fs::write(at("damaged.mcap"), &damaged).unwrap();
+    let (status, text) = report(&at("damaged.mcap"), "of-damaged");
+    assert!(status == ExitCode::SUCCESS && text.contains("is damaged: 1 of its pieces"), "{text}");
+}
+
+#[test]
+fn a_fleets_recording_that_is_cut_off_is_not_reported_as_sound() {
+    let temporary = tempfile::tempdir().unwrap();
+    let at = |name: &str| temporary.path().join(name).display().to_string();
+    fs::write(at("fleet.toml"), "duration_s = 300\nswarm.vehicles = 4\nformation.radius_m = 40\nfleet.teams = 4\n")
+        .unwrap();
+    assert_eq!(
+        skein(&["study", &at("fleet.toml"), "--seeds", "0..2", "--set", "record.runs=\"all\"", "--out", &at("study")]),
+        ExitCode::SUCCESS
+    );
+    let path = Path::new(&at("study")).join("seed-0").join(skein_lab::record::FLEET_FILE);
+    let whole = fs::read(&path).unwrap();
+    fs::write(at("cut.mcap"), &whole[..whole.len() * 2 / 3]).unwrap();
+    assert_eq!(skein(&["report", &at("cut.mcap"), "--out", &at("of-cut")]), ExitCode::FAILURE);
+    assert!(page(Path::new(&at("of-cut"))).contains("The recording of the fleet is cut off after"));
+    fs::write(&path, &whole[..whole.len() * 2 / 3]).unwrap();
+    assert_eq!(skein(&["report", &at("study"), "--out", &at("of-study")]), ExitCode::FAILURE);
+    fs::write(&path, &whole).unwrap();
+    assert_eq!(skein(&["report", &at("study"), "--out", &at("whole")]), ExitCode::SUCCESS);
+}

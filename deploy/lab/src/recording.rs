@@ -28,6 +28,19 @@ pub struct Recording {
     pub tracks: Vec<Track>,
     /// Events and faults, in the order in which they happened.
     pub noted: Vec<Noted>,
+    /// What its file lacks.
+    pub lacks: Lacks,
+}
+
+/// What the file of a recording lacks of the flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lacks {
+    /// Whether the file ends before the flight does.
+    pub end: bool,
+    /// Number of damaged chunks and records, which are left out.
+    pub pieces: usize,
+    /// Number of messages that the recorder could not write.
+    pub unrecorded: u64,
 }
 
 /// The steps of one vehicle.
@@ -70,7 +83,7 @@ impl Recording {
     /// An empty recording.
     pub fn new(scenario: &Scenario, run: Run) -> Self {
         let tracks = scenario.ids().map(|id| Track { id, steps: Vec::new() }).collect();
-        Self { scenario: scenario.clone(), run, tracks, noted: Vec::new() }
+        Self { scenario: scenario.clone(), run, tracks, noted: Vec::new(), lacks: Lacks::default() }
     }
 }
 

@@ -18,7 +18,8 @@ use crate::metrics::Measured;
 use crate::out;
 use crate::record;
 use crate::recording::Recording;
-use page::{Page, Part, Section};
+use crate::terminal::complain;
+use page::{Page, Part, Section, Tone};
 
 /// The command-line arguments of `skein report`.
 #[derive(Clone, Debug, clap::Args)]
@@ -44,12 +45,16 @@ pub fn run(ReportArgs { of, out, csv }: &ReportArgs) -> Result<(), Error> {
     let recordings = if *csv { recordings(of)? } else { Vec::new() };
     let page = page(of)?;
     page.write(&out)?;
+    page.sentences(Tone::Missing).for_each(complain);
     for (name, path) in recordings {
         let failed = |error: record::RecordError| Error::Failed(error.to_string());
         record::csv(&path, &out.join("csv").join(name)).map_err(failed)?;
     }
     eprintln!("written to {}", out.join("index.html").display());
-    Ok(())
+    match page.sentences(Tone::CutOff).collect::<Vec<_>>().as_slice() {
+        [] => Ok(()),
+        cut => Err(Error::Failed(format!("{}: {}", of.display(), cut.join(" ")))),
+    }
 }
 
 /// Makes the page about a recording, a folder of runs or a folder of scenarios.

@@ -159,7 +159,7 @@ fn two_teams_fly_through_each_other_and_land() {
     let out = fleet.folder.path().join("out");
     let is_recorded = |team: &str| out.join(team).join(record::FILE).exists();
     assert!(is_recorded("team-1") && !is_recorded("team-2"), "only team 1 is recorded in full");
-    let places = record::read_fleet(&out.join(record::FLEET_FILE)).unwrap();
+    let places = record::read_fleet(&out.join(record::FLEET_FILE)).unwrap().places;
     for team in TeamId::first(2) {
         let its: Vec<_> = places.iter().filter(|places| places.team == team).collect();
         assert!(its.len() > 10 && its.iter().filter(|places| places.vehicles.len() == 2).count() > 10, "{its:?}");
@@ -198,7 +198,7 @@ fn a_team_waits_outside_a_place_that_another_takes_near_or_far() {
     assert!(output.status.success(), "{stderr}");
     let report = last_line(&output.stdout);
     assert_eq!(report["across_collisions"], 0.0, "{report}");
-    let places = record::read_fleet(&fleet.folder.path().join("out").join(record::FLEET_FILE)).unwrap();
+    let places = record::read_fleet(&fleet.folder.path().join("out").join(record::FLEET_FILE)).unwrap().places;
     let (first, second) = (in_step(&places, 1, 1).unwrap(), in_step(&places, 2, 1).unwrap());
     assert!(first.1 <= second.0, "the lower number first: {first:?}, then {second:?}");
     let (third, fourth) = (in_step(&places, 3, 0).unwrap(), in_step(&places, 4, 1).unwrap());
@@ -221,7 +221,7 @@ fn an_order_reaches_one_team_or_all_of_them() {
     assert!(recorded.status.success(), "{recorded:?}");
     let text = String::from_utf8_lossy(&recorded.stdout);
     assert!(text.starts_with("all.mcap: 4 vehicles at ") && text.contains("dropped: 0"), "{text}");
-    let places = record::read_fleet(&fleet.folder.path().join("all.mcap")).unwrap();
+    let places = record::read_fleet(&fleet.folder.path().join("all.mcap")).unwrap().places;
     let teams: BTreeSet<TeamId> = places.iter().filter(|it| it.vehicles.len() == 2).map(|it| it.team).collect();
     assert_eq!(teams.len(), 2, "{places:?}");
     let (good, landed) = fleet.order(&["land"]);

@@ -89,7 +89,7 @@ fn fly(table: &mut String, title: &str, name: &'static str, text: &str) {
     let own = |team: u16| format!("team {team}: ");
     let lost = stderr.lines().filter(|line| line.contains("lost contact"));
     let lost = lost.filter(|line| (1..=teams).any(|team| is_whole(team) && line.starts_with(&own(team)))).count();
-    let places = record::read_fleet(&out.join(record::FLEET_FILE)).unwrap();
+    let places = record::read_fleet(&out.join(record::FLEET_FILE)).unwrap().places;
     let whole_s = (FORMED_S, f64::from(FLOWN_S));
     let separation = match killed {
         true => {

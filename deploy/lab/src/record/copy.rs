@@ -81,8 +81,16 @@ impl Copy {
         Ok(())
     }
 
-    /// Adds a metadata record if the copied file had damaged records outside chunks, because a reader has to know.
-    pub(super) fn found(&mut self, found: &Found) -> Result<(), RecordError> {
+    /// Adds metadata records about what the copied file with this index lacks, because a reader has to know.
+    pub(super) fn found(&mut self, file: usize, found: &Found) -> Result<(), RecordError> {
+        if found.is_cut || found.damaged > 0 {
+            let entries = [
+                ("file".to_owned(), file.to_string()),
+                (format::PIECES.to_owned(), found.damaged.to_string()),
+                (format::CUT.to_owned(), found.is_cut.to_string()),
+            ];
+            self.metadata(format::record(format::LACKS, entries.into()))?;
+        }
         if found.damaged_outside_chunks == 0 {
             return Ok(());
         }

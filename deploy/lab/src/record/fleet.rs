@@ -28,6 +28,7 @@ use super::writer::options;
 use super::{RecordError, schema};
 use crate::faults::InjectedFault;
 use crate::metrics::Run;
+use crate::recording::Lacks;
 
 /// File name of a fleet's recording in the folder of a run.
 pub const FLEET_FILE: &str = "fleet.mcap";
@@ -227,13 +228,22 @@ impl FleetWriter {
     }
 }
 
-/// Reads all places of a fleet's recording, in the order of time and team.
+/// The recording of a fleet.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FleetRecording {
+    /// All places, in the order of time and team.
+    pub places: Vec<TeamPlaces>,
+    /// What its file lacks.
+    pub lacks: Lacks,
+}
+
+/// Reads a fleet's recording.
 ///
 /// # Errors
 /// The file cannot be read, or is not the recording of a fleet.
-pub fn read_fleet(path: &Path) -> Result<Vec<TeamPlaces>, RecordError> {
+pub fn read_fleet(path: &Path) -> Result<FleetRecording, RecordError> {
     let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
-    let mut places = Vec::new();
+    let (mut places, mut lacks) = (Vec::new(), Lacks::default());
     let found = scan(&bytes, |piece| {
         if let Piece::Message(channel, _, data) = piece
             && channel.topic == TEAMS
@@ -242,9 +252,14 @@ pub fn read_fleet(path: &Path) -> Result<Vec<TeamPlaces>, RecordError> {
                 |error: serde_json::Error| RecordError::Message { topic: TEAMS.to_owned(), what: error.to_string() };
             places.push(serde_json::from_slice(data).map_err(what)?);
         }
+        if let Piece::Metadata(metadata) = piece {
+            format::add_lacks(&mut lacks, &metadata);
+        }
         Ok(())
     });
-    found.map(|_| places).map_err(|error| error.reading(path))
+    let found = found.map_err(|error| error.reading(path))?;
+    let lacks = Lacks { end: lacks.end || found.is_cut, pieces: lacks.pieces + found.damaged, ..lacks };
+    Ok(FleetRecording { places, lacks })
 }
 
 #[cfg(test)]
@@ -274,6 +289,6 @@ mod tests {
         writer.event(1.0, TeamId::FIRST, VehicleId::new(1).unwrap(), &EventKind::Landed).unwrap();
         assert!(!path.exists(), "not before it is complete");
         writer.finish().unwrap();
-        assert_eq!(read_fleet(&path).unwrap(), written);
+        assert_eq!(read_fleet(&path).unwrap(), FleetRecording { places: written.to_vec(), lacks: Lacks::default() });
     }
 }

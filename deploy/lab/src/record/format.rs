@@ -11,6 +11,7 @@ use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::EventKind;
 
 use crate::faults::InjectedFault;
+use crate::recording::Lacks;
 
 /// Version of the format; a change that older programs cannot read increases it.
 pub(super) const FORMAT: &str = "1";
@@ -25,6 +26,12 @@ pub(super) const ENDS: &str = "skein.window_ends";
 pub(super) const RECORDER: &str = "skein.recorder";
 /// Name of the metadata record in a repaired or merged recording that lacks damaged records from outside chunks.
 pub(super) const DAMAGED: &str = "skein.damaged";
+/// Name of the metadata record in a repaired or merged recording with what the files lack from which it was made.
+pub(super) const LACKS: &str = "skein.lacks";
+/// Its key for the number of damaged pieces.
+pub(super) const PIECES: &str = "pieces";
+/// Its key for a file that was cut off.
+pub(super) const CUT: &str = "cut";
 /// Key of the log time in the records of the window.
 pub(super) const LOG_TIME: &str = "log_time_ns";
 /// Key of the checksum in each metadata record.
@@ -38,6 +45,19 @@ pub(super) const TRANSFORMS: &str = "/tf";
 pub(super) const VEHICLES: &str = "/scene/vehicles";
 pub(super) const FORMATION: &str = "/scene/formation";
 pub(super) const LOG: &str = "/log";
+
+/// Adds what this metadata record says is missing.
+pub(super) fn add_lacks(lacks: &mut Lacks, Metadata { name, metadata }: &Metadata) {
+    let count = |key: &str| metadata.get(key).and_then(|number| number.parse::<u64>().ok()).unwrap_or(0);
+    match name.as_str() {
+        LACKS => {
+            lacks.end |= metadata.get(CUT).is_some_and(|cut| cut == "true");
+            lacks.pieces += count(PIECES) as usize;
+        }
+        RECORDER => lacks.unrecorded += count("dropped") + count("refused_steps"),
+        _ => {}
+    }
+}
 
 /// Makes a metadata record with its checksum.
 pub(super) fn record(name: &str, mut metadata: BTreeMap<String, String>) -> Metadata {

@@ -41,7 +41,7 @@ pub fn merge(files: &[PathBuf], to: &Path) -> Result<u64, RecordError> {
             Piece::Metadata(metadata) => copy.metadata(metadata),
         })
         .map_err(|error| error.reading(path))?;
-        copy.found(&found)?;
+        copy.found(file, &found)?;
     }
     // A stable sort: messages of one instant stay in the order of the files.
     messages.sort_by_key(|one| one.header.log_time);

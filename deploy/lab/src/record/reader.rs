@@ -14,7 +14,7 @@ use super::RecordError;
 use super::format::{self, EventLine, FaultLine, seconds_since};
 use super::scan::{Found, Piece, scan};
 use crate::metrics::Run;
-use crate::recording::{Noted, NotedKind, Recording, Step};
+use crate::recording::{Lacks, Noted, NotedKind, Recording, Step};
 
 /// Reads the steps, events and faults of a recording that lie in the figures' window.
 ///
@@ -68,6 +68,8 @@ struct Pieces {
     first_ns: Option<u64>,
     /// Whether this file was repaired or merged from a file with damaged records outside chunks.
     lacks_records: bool,
+    /// What the files lack from which this one was made, and the recorder's own counts.
+    lacks: Lacks,
     steps: Vec<(u64, Trace)>,
     noted: Vec<(u64, EventId, NotedKind)>,
 }
@@ -81,7 +83,9 @@ impl Pieces {
                 self.scenario.get_or_insert(text);
             }
             Piece::Attachment(..) => {}
-            Piece::Metadata(Metadata { name, metadata }) => {
+            Piece::Metadata(about) => {
+                format::add_lacks(&mut self.lacks, &about);
+                let Metadata { name, metadata } = about;
                 let log_time_ns = || metadata.get(format::LOG_TIME)?.parse().ok();
                 match name.as_str() {
                     format::BEGINS => self.begins_ns = self.begins_ns.or_else(log_time_ns),
@@ -161,6 +165,12 @@ impl Pieces {
         });
         recording.noted = once.collect();
         recording.noted.sort_by(|one, two| one.t_s.total_cmp(&two.t_s));
+        recording.lacks = Lacks {
+            // What comes after the end of the window belongs to no figure.
+            end: self.ends_ns.is_none() && (self.lacks.end || found.is_cut),
+            pieces: self.lacks.pieces + found.damaged,
+            ..self.lacks
+        };
         Ok(FullRecording { recording, end_s: self.ends_ns.map(|ends_ns| seconds_since(zero_ns, ends_ns)) })
     }
 }

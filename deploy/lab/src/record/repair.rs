@@ -57,7 +57,7 @@ fn write(bytes: &[u8], path: &Path) -> Result<PathBuf, RecordError> {
         Piece::Attachment(header, data) => copy.attachment(header, data),
         Piece::Metadata(metadata) => copy.metadata(metadata),
     })?;
-    copy.found(&found)?;
+    copy.found(0, &found)?;
     copy.finish()?;
     Ok(to)
 }

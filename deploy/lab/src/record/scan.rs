@@ -39,6 +39,8 @@ pub(super) enum Piece<'a> {
 pub(super) struct Found {
     /// Whether the file is complete and undamaged.
     pub(super) is_whole: bool,
+    /// Whether the file ends before its end: it was cut off, or it is still being written.
+    pub(super) is_cut: bool,
     /// Number of damaged chunks and records, which were skipped.
     pub(super) damaged: usize,
     /// Number of damaged records outside chunks, which may have been metadata.
@@ -62,7 +64,7 @@ pub(super) fn scan(
         let taken = match kind {
             op::DATA_END if content.len() == DATA_END => {
                 let ends_well = behind.ends_with(MAGIC);
-                return Ok(Found { is_whole: ends_well && found.damaged == 0, ..found });
+                return Ok(Found { is_whole: ends_well && found.damaged == 0, is_cut: !ends_well, ..found });
             }
             op::CHUNK => {
                 has_checksum(content) && read_chunk(&rest[..PREFIX + content.len()], &mut channels, &mut take)?
@@ -75,7 +77,7 @@ pub(super) fn scan(
         found.damaged_outside_chunks += usize::from(!taken && kind != op::CHUNK);
         rest = behind;
     }
-    Ok(Found { left_over: rest.len(), ..found })
+    Ok(Found { left_over: rest.len(), is_cut: true, ..found })
 }
 
 /// Splits the first record off: its kind, its content and the bytes behind it; `None` if the record is incomplete.

@@ -9,9 +9,9 @@ use skein_common::id::{TeamId, VehicleId};
 
 use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 use super::page::{Part, Section};
-use super::{flight, tables};
+use super::{flight, tables, verdict};
 use crate::error::Error;
-use crate::record::{self, TeamPlaces};
+use crate::record::{self, FleetRecording, TeamPlaces};
 use crate::study::rounded;
 
 /// Most points of all trails of a panel.
@@ -49,8 +49,9 @@ pub(super) fn section(folder: &Path, title: String, name: String, subject: &str)
     if !path.exists() {
         return Ok(None);
     }
-    let places = record::read_fleet(&path).map_err(|error| Error::Failed(error.to_string()))?;
-    let mut parts: Vec<Part> = drawing(&places, subject).map(Part::Drawing).into_iter().collect();
+    let recording = record::read_fleet(&path).map_err(|error| Error::Failed(error.to_string()))?;
+    let mut parts: Vec<Part> = missing(&recording).into_iter().collect();
+    parts.extend(drawing(&recording.places, subject).map(Part::Drawing));
     parts.extend(contacts(folder)?.into_iter().map(Part::Drawing));
     if let Ok(text) = fs::read_to_string(folder.join("teams.csv")) {
         parts.extend(table(&text));
@@ -80,14 +81,24 @@ fn contacts(folder: &Path) -> Result<Vec<Drawing>, Error> {
     teams.into_iter().take(MOST_CONTACTS).filter_map(|team| draw(team).transpose()).collect()
 }
 
+/// What the recording of a fleet lacks; `None` if it is whole.
+fn missing(FleetRecording { places, lacks }: &FleetRecording) -> Option<Part> {
+    let last_s = places.last().map(|places| places.t_s);
+    let lines = verdict::missing(lacks, &verdict::Place { file: "The recording of the fleet", last_s, asked_s: None });
+    (!lines.is_empty()).then_some(Part::Verdict(lines))
+}
+
 /// The section about the recording of a fleet in this file; `None` if it is not one.
 ///
 /// # Errors
 /// If the file cannot be read.
 pub(super) fn of_file(path: &Path, name: String) -> Result<Option<Section>, Error> {
-    let places = record::read_fleet(path).map_err(|error| Error::Refused(error.to_string()))?;
-    let drawing = drawing(&places, &path.display().to_string());
-    Ok(drawing.map(|drawing| Section { title: "The flight".to_owned(), name, parts: vec![Part::Drawing(drawing)] }))
+    let recording = record::read_fleet(path).map_err(|error| Error::Refused(error.to_string()))?;
+    let drawing = drawing(&recording.places, &path.display().to_string());
+    Ok(drawing.map(|drawing| {
+        let parts = missing(&recording).into_iter().chain([Part::Drawing(drawing)]).collect();
+        Section { title: "The flight".to_owned(), name, parts }
+    }))
 }
 
 /// The places of each vehicle, east and north, m, in the order of time.

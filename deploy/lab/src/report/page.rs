@@ -46,6 +46,10 @@ pub enum Tone {
     Good,
     /// Something failed.
     Bad,
+    /// Something was not recorded, and the rest is shown.
+    Missing,
+    /// The end of a flight was not recorded: how it ended is unknown.
+    CutOff,
 }
 
 /// A section of a page.
@@ -80,6 +84,16 @@ pub enum Part {
 }
 
 impl Page {
+    /// The sentences of this tone in all verdicts of the page.
+    pub fn sentences(&self, tone: Tone) -> impl Iterator<Item = &str> {
+        let of_sections = self.sections.iter().flat_map(|section| &section.parts).filter_map(|part| match part {
+            Part::Verdict(lines) => Some(lines),
+            _ => None,
+        });
+        let lines = [&self.verdict].into_iter().chain(of_sections).flatten();
+        lines.filter(move |line| line.tone == tone).map(|line| line.text.as_str())
+    }
+
     /// Writes `index.html` into the folder, and each figure as SVG and PNG into its `figures`.
     ///
     /// # Errors
@@ -162,6 +176,7 @@ fn verdict_html(lines: &[Line]) -> String {
             Tone::Plain => ("plain", ""),
             Tone::Good => ("good", "<b aria-label=\"good\">✓</b> "),
             Tone::Bad => ("bad", "<b aria-label=\"failed\">✗</b> "),
+            Tone::Missing | Tone::CutOff => ("bad", "<b aria-label=\"missing\">?</b> "),
         };
         format!("<p class=\"{class}\">{sign}{}</p>\n", escaped(text))
     };

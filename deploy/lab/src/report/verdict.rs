@@ -11,7 +11,7 @@ use crate::compare::folder::{Flown, Folder};
 use crate::faults::InjectedFault;
 use crate::metrics::limits::{self, Bound, Limit};
 use crate::metrics::{AIRBORNE_ABOVE_M, COLLISION_M, CrashDetector, Measured, Run, figures};
-use crate::recording::{NotedKind, Recording, Track};
+use crate::recording::{Lacks, NotedKind, Recording, Track};
 use crate::study::{self, rounded};
 
 /// Most reports of vehicles that a verdict lists.
@@ -41,6 +41,8 @@ pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line
     let duration_s = measured.and_then(|run| run.figures.get("duration_s").copied().flatten());
     let duration_s = duration_s.or_else(|| last_s(recording));
     let mut lines = vec![plain(what_flew(run, duration_s))];
+    let asked_s = scenario.duration_s;
+    lines.extend(missing(&recording.lacks, &Place { file: "The recording", last_s: last_s(recording), asked_s }));
     let collisions = collisions(recording);
     let crashes = crashes(recording);
     match measured {
@@ -50,6 +52,11 @@ pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line
         }
         None => {
             let nothing = collisions.is_empty() && crashes.is_empty();
+            // Of a flight whose end is unknown, nothing good can be said.
+            if nothing && recording.lacks.end {
+                lines.push(plain("Until then it shows no collision and no crash."));
+                return lines.into_iter().chain(injected(recording)).chain(reported(recording)).collect();
+            }
             let text = if nothing { "The recording shows no collision and no crash." } else { "This flight failed." };
             lines.push(judged(nothing, text));
         }
@@ -60,6 +67,36 @@ pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line
     lines.extend(measured.and_then(|measured| unseen_crashes(recording, measured, seen)));
     lines.extend(injected(recording));
     lines.extend(reported(recording));
+    lines
+}
+
+/// A recording, for what is said about it.
+pub(super) struct Place<'a> {
+    /// Its name at the beginning of a sentence.
+    pub(super) file: &'a str,
+    /// When the last thing was recorded, and how long the flight was to be, s.
+    pub(super) last_s: Option<f64>,
+    pub(super) asked_s: Option<f64>,
+}
+
+/// What a recording lacks, in a sentence for each kind.
+pub(super) fn missing(lacks: &Lacks, Place { file, last_s, asked_s }: &Place<'_>) -> Vec<Line> {
+    let mut lines = Vec::new();
+    if lacks.end {
+        let after =
+            last_s.map_or_else(|| " before its first step".to_owned(), |last_s| format!(" after {last_s:.1} s"));
+        let of = asked_s.map_or_else(String::new, |asked_s| format!(" of {asked_s:.0} s"));
+        let text = format!("{file} is cut off{after}{of}, in the middle of the flight: what happened then is unknown.");
+        lines.push(Line { tone: Tone::CutOff, text });
+    }
+    if lacks.pieces > 0 {
+        let text = format!("{file} is damaged: {} of its pieces are left out.", lacks.pieces);
+        lines.push(Line { tone: Tone::Missing, text });
+    }
+    if lacks.unrecorded > 0 {
+        let text = format!("{file} lacks {} messages that the recorder could not write.", lacks.unrecorded);
+        lines.push(Line { tone: Tone::Missing, text });
+    }
     lines
 }
 
