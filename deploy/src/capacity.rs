@@ -91,9 +91,9 @@ pub fn run(flown: Option<&Path>, out: Option<&Path>, json: bool) -> Result<(), E
     let figure = picture::figure(&capacity.measured);
     let failed = |error: std::io::Error| Error::Failed(format!("{}: {error}", out.display()));
     fs::create_dir_all(&out).map_err(failed)?;
-    fs::write(out.join("capacity.json"), skein_lab::terminal::json(&capacity)).map_err(failed)?;
-    fs::write(out.join("capacity.txt"), text).map_err(failed)?;
-    fs::write(out.join("capacity.svg"), figure.svg()).map_err(failed)?;
+    out::write(&out.join("capacity.json"), skein_lab::terminal::json(&capacity))?;
+    out::write(&out.join("capacity.txt"), text)?;
+    out::write(&out.join("capacity.svg"), figure.svg())?;
     figure.write_png(&out.join("capacity.png"))?;
     eprintln!("written to {}", out.display());
     Ok(())

@@ -1,6 +1,5 @@
 //! `skein fit`: flies an aircraft that was never flown with these rules before, and writes its aircraft file.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -14,6 +13,7 @@ use skein_core::helicopter::TICK_S;
 use skein_core::plant::{Command, Plant, Wake};
 use skein_host::{clock, files};
 use skein_lab::error::Error;
+use skein_lab::out;
 use skein_lab::terminal::{complain, json, say, what_next};
 
 use crate::new::Name;
@@ -61,8 +61,7 @@ pub fn run(args: &FitArgs) -> Result<(), Error> {
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
     let (fitted, version) = fly(&address, &profile, &interrupts)?;
     let found_on = format!("{} at {address}", version_text(version));
-    fs::write(&file, aircraft_file(&fitted, &args.name.to_string(), &found_on, &text))
-        .map_err(|error| Error::Failed(format!("{}: {error}", file.display())))?;
+    out::write(&file, aircraft_file(&fitted, &args.name.to_string(), &found_on, &text))?;
     if args.json {
         say(&json(&figures(&fitted, &file)));
         return Ok(());

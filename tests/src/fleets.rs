@@ -53,7 +53,7 @@ pub fn table(seeds: u64) -> String {
     for (name, change) in cases() {
         let text = file(&change);
         let flown = in_parallel(0..seeds, |seed| {
-            let report = fleet(&text, seed).fly(NonZeroUsize::MIN, None).expect("a fleet that flies").measured();
+            let report = fleet(&text, seed).fly(NonZeroUsize::MIN, None).expect("a fleet that flies").0.measured();
             ["collisions", "setpoints_reached", "across_separation_m"]
                 .map(|key| report.figures[key].unwrap_or(f64::NAN))
         });

@@ -164,7 +164,7 @@ const WIDE: &str = "name = 'wide'\nduration_s = 420\n[fleet]\nteams = 2\npattern
 #[test]
 fn teams_of_a_fleet_50_km_wide_meet_at_one_height_and_take_turns() {
     let flown = |text: &str| {
-        let measured = fleet(text, 3).fly(NonZeroUsize::MIN, None).unwrap().measured();
+        let measured = fleet(text, 3).fly(NonZeroUsize::MIN, None).unwrap().0.measured();
         move |key: &str| measured.figures[key].unwrap()
     };
     let wide = flown(WIDE);

@@ -10,7 +10,7 @@ use skein_lab::study::FleetRecording;
 use skein_tests::fleet;
 
 fn fly(text: &str, threads: usize) -> FleetReport {
-    fleet(text, 3).fly(NonZeroUsize::new(threads).unwrap(), None).unwrap()
+    fleet(text, 3).fly(NonZeroUsize::new(threads).unwrap(), None).unwrap().0
 }
 
 fn figure(report: &FleetReport, key: &str) -> f64 {
@@ -56,7 +56,8 @@ fn two_teams_take_the_same_place_one_after_the_other_the_lower_first() {
     let folder = tempfile::tempdir().unwrap();
     let study = fleet(SAME_PLACE, 1);
     let recording = FleetRecording { folder: folder.path(), scenario_toml: SAME_PLACE, teams_toml: &[] };
-    let report = study.fly(NonZeroUsize::MIN, Some(&recording)).unwrap();
+    let (report, recorded) = study.fly(NonZeroUsize::MIN, Some(&recording)).unwrap();
+    recorded.unwrap();
     assert_eq!((figure(&report, "collisions"), figure(&report, "setpoints_reached")), (0.0, 3.0));
     let places = record::read_fleet(&folder.path().join(record::FLEET_FILE)).unwrap().places;
     let (first, second) = (in_second_step(&places, 1), in_second_step(&places, 2));

@@ -369,3 +369,103 @@ fn an_agent_that_root_has_installed_gives_up_roots_capabilities() {
     let stopped = host.ask("r1", Ask::Stop { within_s: 60.0 });
     assert!(matches!(stopped, Answer::Done { changed: true, forced: false, .. }), "{stopped:?}");
 }
+
+/// Runs a command of the program in this folder; returns its exit status and stderr.
+fn skein(folder: &Path, line: &str) -> (Option<i32>, String) {
+    let mut command = Command::new(PROGRAM);
+    command.args(line.split_whitespace()).current_dir(folder).env("XDG_RUNTIME_DIR", folder.parent().unwrap());
+    let done = command.output().unwrap();
+    let text = [done.stdout, done.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
+    (done.status.code(), text)
+}
+
+/// A folder with a disk of this size in it, until it is dropped.
+struct Disk(TempDir);
+
+impl Disk {
+    fn new(kilobytes: u64) -> Option<Self> {
+        if std::env::var_os("SKEIN_NAMESPACES").is_none() {
+            eprintln!("not tested: a disk of its own needs root and SKEIN_NAMESPACES");
+            return None;
+        }
+        let disk = Self(tempfile::tempdir().unwrap());
+        fs::create_dir(disk.path()).unwrap();
+        let size = format!("size={kilobytes}k");
+        assert!(mount(&["mount", "-t", "tmpfs", "-o", &size, "tmpfs"], &disk.path()));
+        Some(disk)
+    }
+
+    fn path(&self) -> PathBuf {
+        self.0.path().join("disk")
+    }
+
+    fn grow(&self) {
+        assert!(mount(&["mount", "-o", "remount,size=64m"], &self.path()));
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        mount(&["umount", "-l"], &self.path());
+    }
+}
+
+/// Asserts that no file in this folder is empty, except those whose names say that something is so, or torn.
+fn assert_whole(folder: &Path) {
+    for entry in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap()) {
+        let (path, name) = (entry.path(), entry.file_name().into_string().unwrap());
+        if path.is_dir() {
+            assert_whole(&path);
+        } else if name.ends_with(".json") {
+            serde_json::from_slice::<serde_json::Value>(&fs::read(&path).unwrap())
+                .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        } else {
+            assert!(!name.ends_with(".draft"), "{}", path.display());
+        }
+    }
+}
+
+#[test]
+fn a_study_on_a_full_disk_keeps_its_figures_and_goes_on_with_its_recordings() {
+    for (scenario, recording) in [
+        ("duration_s = 60\nswarm.vehicles = 4\nformation.radius_m = 40\n", "seed-0/run.mcap"),
+        (
+            "duration_s = 300\nswarm.vehicles = 4\nformation.radius_m = 40\nfleet.teams = 9\nfleet.record_hz = 10\n",
+            "seed-0/fleet.mcap",
+        ),
+    ] {
+        let Some(disk) = Disk::new(400) else { return };
+        let out = disk.path().join("o");
+        fs::write(disk.path().join("s.toml"), scenario).unwrap();
+        let line = "study s.toml --seeds 0..2 --jobs 1 --set record.runs=\"all\" --out o";
+        let (status, said) = skein(&disk.path(), line);
+        assert_eq!(status, Some(1), "{said}");
+        assert!(said.contains("No space left on device") && said.contains("goes on with the recordings"), "{said}");
+        assert!(said.contains(" of 2 runs: no collision"), "the figures are on the screen: {said}");
+        assert!(!out.join(recording).exists(), "{said}");
+        for file in ["summary.json", "runs.csv", "seed-0/metrics.json", "seed-1/metrics.json"] {
+            assert!(out.join(file).metadata().unwrap().len() > 0, "{file}");
+        }
+        assert_whole(&out);
+        disk.grow();
+        let (status, said) = skein(&disk.path(), line);
+        assert_eq!(status, Some(0), "{said}");
+        assert!(out.join(recording).exists(), "{said}");
+        let (status, said) = skein(&disk.path(), line);
+        assert!(status == Some(2) && said.contains("finished"), "{said}");
+    }
+}
+
+#[test]
+fn a_flight_on_a_full_disk_keeps_its_figures() {
+    let Some(disk) = Disk::new(600) else { return };
+    let line = "fly --set swarm.name=small-disk --set swarm.vehicles=2 --set formation.radius_m=40 --set formation.altitude_m=5 \
+                --set record.hz=50 --duration 15 --out o";
+    let (status, said) = skein(&disk.path(), line);
+    println!("{status:?}: {said}");
+    let out = disk.path().join("o");
+    assert!(said.contains("No space left on device"), "{said}");
+    let figures: serde_json::Value = serde_json::from_slice(&fs::read(out.join("metrics.json")).unwrap()).unwrap();
+    assert_eq!(figures["collisions"], 0);
+    assert_whole(&out);
+}

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 use skein_common::printable::printable;
+use skein_host::atomic_file::{self, Durability};
 use skein_host::clock;
 
 /// The environment variable that names the folder of runs without an `--out`.
@@ -81,6 +82,41 @@ pub fn claim(out: &Path) -> Result<Claim, Error> {
             )))
         }
         Err(TryLockError::Error(_)) => Ok(Claim(None)),
+    }
+}
+
+/// Writes a file that is there whole or not at all, with the folders above it: on a full disk no part of it is left.
+///
+/// # Errors
+/// A failure that names the file.
+pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Error> {
+    let written = || {
+        path.parent().map_or(Ok(()), fs::create_dir_all)?;
+        atomic_file::write(path, content.as_ref(), Durability::Atomic)
+    };
+    written().map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
+}
+
+/// Room on a disk for figures that are written at the end, so that a recording that fills the disk leaves it to them. It is
+/// free when this is dropped.
+#[derive(Debug)]
+#[must_use]
+pub struct Room(PathBuf);
+
+impl Room {
+    /// Occupies this many bytes in the folder. Where that fails, there is no room to keep.
+    pub fn keep(folder: &Path, bytes: usize) -> Self {
+        let path = folder.join(".skein-room");
+        // The content differs from nothing, so that no file system leaves it out.
+        let _ = fs::write(&path, vec![b' '; bytes]);
+        Self(path)
+    }
+}
+
+impl Drop for Room {
+    fn drop(&mut self) {
+        // A file that stays is only in the way of nothing.
+        let _ = fs::remove_file(&self.0);
     }
 }
 

@@ -36,7 +36,7 @@ pub use batch::{Batch, Pilot, Replaced};
 pub use command::{StudyArgs, run, seed};
 pub use fleet::{FleetRecording, FleetStudy};
 use flight::{SeedFlight, fly_side_by_side};
-pub use planned::{Progress, fly_planned};
+pub use planned::{FlownStudy, Progress, fly_planned};
 pub use recorded::{RecordRunError, record_run};
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;

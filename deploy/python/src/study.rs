@@ -112,7 +112,7 @@ pub(crate) fn fly_study(
         return Err(error);
     }
     match flown {
-        Ok(flown) => flown.map_err(|error| exception(py, &error))?,
+        Ok(flown) => flown.and_then(|flown| flown.recorded).map_err(|error| exception(py, &error))?,
         Err(_) => return Err(refused(py, "the study ended by a defect of Skein; its report is on stderr")),
     };
     show(py)

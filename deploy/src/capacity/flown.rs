@@ -91,7 +91,7 @@ impl FlownFleet {
         let flight =
             format!("{} teams of {vehicles} at 16 vehicles per km², {flight_s} s in virtual time", teams.len());
         let report = FleetStudy { teams, seed, origin }.fly(NonZeroUsize::MIN, None);
-        let report = report.map_err(|error| failed(error.to_string()))?;
+        let (report, _) = report.map_err(|error| failed(error.to_string()))?;
         Self::of(flight, &report.traffic).ok_or_else(|| failed("no vehicle flew".to_owned()))
     }
 

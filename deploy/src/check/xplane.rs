@@ -3,7 +3,6 @@
 mod web;
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
@@ -14,6 +13,7 @@ use skein_common::frame::{Geodetic, Origin};
 use skein_common::scenario::Scenario;
 use skein_core::aircraft::Profile;
 use skein_lab::error::Error;
+use skein_lab::out;
 use skein_lab::terminal;
 
 use crate::findings::{self, Line, verdict};
@@ -392,7 +392,7 @@ fn write_report(
         let _ = write!(text, "\n{}", json!({ "after_s": datagram.after_s, "datagram": hex }));
     }
     text.push('\n');
-    fs::write(path, text).map_err(|error| Error::Failed(format!("{}: {error}", path.display())))?;
+    out::write(path, text)?;
     terminal::complain(&format!("{}: the checks and {} datagrams", path.display(), survey.datagrams.len()));
     Ok(())
 }

@@ -24,9 +24,9 @@ use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::across::{Across, Airborne};
 use skein_lab::metrics::{FleetReport, Report, Run, TRAFFIC_FILE, Wall, traffic_csv};
+use skein_lab::out::write;
 use skein_lab::record::FLEET_FILE;
 use skein_lab::recording::NotedKind;
-use skein_lab::study::plan::write;
 use skein_lab::terminal::complain;
 
 /// Between two looks at the swarms: the metrics want fifty a second.

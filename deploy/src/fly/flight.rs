@@ -47,6 +47,7 @@ use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::faults::{OperatorOrder, Schedule};
 use skein_lab::metrics::{AIRBORNE_ABOVE_M, Measured, Metrics, Report, Run, Totals, VehicleTraffic};
+use skein_lab::out::Room;
 use skein_lab::recording::NotedKind;
 use skein_lab::study;
 
@@ -58,6 +59,9 @@ const HELPLESS: Duration = Duration::from_secs(10);
 const GIVEN_UP: Duration = Duration::from_secs(60);
 /// An agent that was ordered to end does so within this time; a vehicle without control tries to land within it.
 const END: Duration = Duration::from_secs(15);
+/// Size of the figures, bytes, and of those of each vehicle, with room to spare.
+const FIGURES_BYTES: usize = 64 << 10;
+const FIGURES_BYTES_EACH: usize = 1 << 10;
 /// Above this height a vehicle has left the ground, m.
 const LIFTED_M: f64 = 0.5;
 
@@ -75,6 +79,8 @@ pub struct Flight {
     observer: Observer,
     ground: Ground,
     metrics: Metrics,
+    /// Room for the figures, until they are written.
+    room: Option<Room>,
     /// Absent if the scenario wants no recording.
     recorder: Option<Recorder>,
     /// The recording has failed, and the operator was informed.
@@ -175,6 +181,7 @@ impl Flight {
         let children = launch(&plan, described, endpoints)?;
         let branch = Branch::of(scenario.team.map(|team| team.id));
         let observer = Observer::open(&Reach::here(endpoints, branch), TraceSubscription::On);
+        let room = Room::keep(&plan.out, FIGURES_BYTES + FIGURES_BYTES_EACH * scenario.swarm.vehicles);
         let recorder = recorded::recorder(&plan)?;
         let now = clock::now();
         let mut flight = Self {
@@ -184,6 +191,7 @@ impl Flight {
             observer: observer?,
             ground: Ground::new(scenario),
             metrics: Metrics::new(scenario, Run::new(scenario, "fly")),
+            room: Some(room),
             recorder,
             recording_failed: false,
             stage: Stage::Gathering,

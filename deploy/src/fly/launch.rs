@@ -42,8 +42,7 @@ pub fn prepare_site(described: &Described, out: &Path) -> Result<Site, Error> {
     let swarm = &described.first().scenario.swarm.name;
     refuse_a_second(swarm)?;
     let claim = out::claim(out)?;
-    let written = fs::write(out.join("scenario.toml"), described.to_toml());
-    written.map_err(|error| failed(&out.display().to_string(), error))?;
+    out::write(&out.join("scenario.toml"), described.to_toml())?;
     let agents = endpoints_of(described).map_err(|error| failed("no free ports", error))?;
     let endpoints = Endpoints { swarm: swarm.clone(), pid: std::process::id(), out: out.to_owned(), agents };
     // Before the agents: an agent that outlives this process can be found.
@@ -59,14 +58,12 @@ pub fn launch(plan: &Plan, described: &Described, endpoints: &Endpoints) -> Resu
     let scenario = plan.scenario();
     let folder = plan.out.join("agents");
     let mut aircraft = plan.ready.aircraft_files.iter();
-    let written = fs::create_dir_all(&folder)
-        .and_then(|()| match scenario.team {
-            // For commands about the team alone; its agents read the fleet's file.
-            Some(_) => fs::write(plan.out.join("scenario.toml"), plan.loaded.to_toml()),
-            None => Ok(()),
-        })
-        .and_then(|()| aircraft.try_for_each(|(name, text)| fs::write(aircraft_file(endpoints, name), text)));
-    written.map_err(|error| failed(&plan.out.display().to_string(), error))?;
+    fs::create_dir_all(&folder).map_err(|error| failed(&plan.out.display().to_string(), error))?;
+    if scenario.team.is_some() {
+        // For commands about the team alone; its agents read the fleet's file.
+        out::write(&plan.out.join("scenario.toml"), plan.loaded.to_toml())?;
+    }
+    aircraft.try_for_each(|(name, text)| out::write(&aircraft_file(endpoints, name), text))?;
     let mut children = Children::default();
     let simulators = match scenario.swarm.plant {
         PlantKind::Standin => {
@@ -79,11 +76,10 @@ pub fn launch(plan: &Plan, described: &Described, endpoints: &Endpoints) -> Resu
         let id = name.vehicle;
         let file = agent_file(name, scenario_file, described, endpoints, simulators.get(nth));
         let path = folder.join(format!("{id}.toml"));
-        let started = fs::write(&path, file).and_then(|()| {
-            let arguments: [OsString; 6] =
-                ["agent".into(), "--config".into(), path.into(), "--child".into(), "--inputs".into(), (&folder).into()];
-            children.start(ProcessRole::Agent, id, arguments.into(), &log(&folder, ProcessRole::Agent, id))
-        });
+        out::write(&path, file)?;
+        let arguments: [OsString; 6] =
+            ["agent".into(), "--config".into(), path.into(), "--child".into(), "--inputs".into(), (&folder).into()];
+        let started = children.start(ProcessRole::Agent, id, arguments.into(), &log(&folder, ProcessRole::Agent, id));
         started.map_err(|error| failed(&format!("agent {name}"), error))?;
     }
     Ok(children)

@@ -209,7 +209,7 @@ mod tests {
         }
         recorder.event(begin + Duration::from_secs(1), id, VehicleId::new(1).unwrap(), EventKind::Landed);
         assert_eq!((recorder.samples(), recorder.finish().unwrap()), (4, 0));
-        let places = read_fleet(&path).unwrap();
+        let places = read_fleet(&path).unwrap().places;
         assert_eq!(places.iter().map(|places| places.t_s).collect::<Vec<_>>(), [0.0, 0.5, 1.0, 1.5]);
         let east_m = traces[0].position.east_m() + team.team.unwrap().place_ne_m[1];
         assert_eq!((places[0].team, places[0].vehicles.len()), (id, 2));

@@ -62,6 +62,7 @@ impl Flight {
         self.agent.step(
             now,
             &Inputs {
+                refusal: None,
                 measurement,
                 received: &received,
                 broadcast: Broadcast::default(),

@@ -11,7 +11,7 @@ use csv::Writer;
 use skein_common::message::Trace;
 
 use super::reader::{FullRecording, read_all};
-use super::{RecordError, format};
+use super::{Draft, RecordError, format};
 use crate::recording::{NotedKind, Recording, Step};
 
 /// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder and returns their paths.
@@ -28,11 +28,11 @@ pub fn csv(recording: &Path, folder: &Path) -> Result<Vec<PathBuf>, RecordError>
         [("trace.csv", traces), ("peers.csv", peers), ("laws.csv", laws), ("events.csv", events)];
     let write = |(name, table): (&str, Table)| {
         let path = folder.join(name);
-        let written = Writer::from_path(&path).and_then(|mut file| {
-            table(&mut file, &recording)?;
-            Ok(file.flush()?)
-        });
-        written.map_err(|error| RecordError::Io { path: path.clone(), error: error.into() })?;
+        let draft = Draft::new(&path);
+        let mut file = Writer::from_writer(draft.create()?);
+        table(&mut file, &recording).map_err(|error| draft.error(error.into()))?;
+        let file = file.into_inner().map_err(|error| draft.error(error.into_error()))?;
+        draft.finish(&file)?;
         Ok(path)
     };
     tables.into_iter().map(write).collect()

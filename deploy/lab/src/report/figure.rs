@@ -10,10 +10,10 @@ mod canvas;
 mod layout;
 mod plot;
 
-use std::fs;
 use std::path::Path;
 
 use crate::error::Error;
+use crate::out;
 pub use axis::Axis;
 
 /// How wide figures are shown, px.
@@ -319,8 +319,7 @@ impl Drawing {
     /// # Errors
     /// If that cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), Error> {
-        let failed = |error| Error::Failed(format!("{}: {error}", path.display()));
-        fs::write(path, canvas::png(&self.svg())?).map_err(failed)
+        out::write(path, canvas::png(&self.svg())?)
     }
 }
 

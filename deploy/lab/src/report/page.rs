@@ -103,7 +103,7 @@ impl Page {
         let _claim = out::claim(out)?;
         let folder = out.join("figures");
         fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
-        let put = |path: PathBuf, text: &str| fs::write(&path, text).map_err(|error| failed(&path, error));
+        let put = |path: PathBuf, text: &str| out::write(&path, text);
 
         let mut body = String::new();
         let mut figures = Vec::new();

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::plan::Plan;
-use super::planned::fly_planned;
+use super::planned::{FlownStudy, fly_planned};
 use super::progress::Shown;
 use super::sweep::Sweep;
 use super::{summary, table, verdict};
@@ -99,7 +99,7 @@ fn samples(text: &str) -> Result<usize, String> {
 /// What stands against the study: nothing was flown then. Or a run that failed; those that were done are written.
 pub fn run(args: &StudyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
-    let runs = fly_planned(&plan, !args.no_record, &Shown::default())?;
+    let FlownStudy { runs, recorded } = fly_planned(&plan, !args.no_record, &Shown::default())?;
     let which = if args.all { table::Which::All } else { table::Which::Headline };
     let output = match (args.sweep.is_empty(), runs.as_slice()) {
         (true, [run]) => table::of_run(run, which),
@@ -127,7 +127,9 @@ pub fn run(args: &StudyArgs) -> Result<(), Error> {
         }
         eprint!("{}", next(&out, args, &runs));
     }
-    Ok(())
+    recorded.map_err(|error| {
+        Error::Failed(format!("{error}; the figures are complete, and the same command goes on with the recordings"))
+    })
 }
 
 /// What to do next with a study in this folder.

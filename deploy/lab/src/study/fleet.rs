@@ -55,13 +55,13 @@ impl FleetStudy {
     /// many threads.
     ///
     /// # Errors
-    /// If a scenario cannot be flown, a vehicle does not join, or the recording cannot be written.
+    /// If a scenario cannot be flown, a vehicle does not join, or the recording cannot begin.
     pub fn fly(
         &self,
         threads: NonZeroUsize,
         recording: Option<&FleetRecording<'_>>,
-    ) -> Result<FleetReport, RecordRunError> {
-        FleetFlight::new(self, recording)?.fly(threads)
+    ) -> Result<(FleetReport, Result<(), RecordError>), RecordRunError> {
+        Ok(FleetFlight::new(self, recording)?.fly(threads)?)
     }
 }
 
@@ -74,6 +74,8 @@ struct FleetFlight {
     sky: Sky,
     across: Across,
     recorder: Option<FleetWriter>,
+    /// Why it is not recorded any more, if it is not.
+    recorded: Result<(), RecordError>,
     /// Number of rounds between two recorded places.
     record_rounds: u64,
     /// Beginning of the figures' window; `None` while vehicles still join, s.
@@ -105,6 +107,7 @@ impl FleetFlight {
             sky: Sky::default(),
             across: Across::new(origin),
             recorder,
+            recorded: Ok(()),
             record_rounds: (1.0 / (record_hz * ROUND_TICKS as f64 * TICK_S)).round().max(1.0) as u64,
             zero_s: None,
             ticks: 0,
@@ -112,20 +115,21 @@ impl FleetFlight {
         })
     }
 
-    fn fly(mut self, threads: NonZeroUsize) -> Result<FleetReport, RecordRunError> {
+    fn fly(mut self, threads: NonZeroUsize) -> Result<(FleetReport, Result<(), RecordError>), StudyError> {
         let started = now();
         while !self.is_over()? {
-            self.round(threads)?;
+            self.round(threads);
         }
         let wall_s = now().duration_since(started).as_secs_f64();
         let flown_s = self.teams.first().map_or(0.0, Team::t_s);
         let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
-        self.recorder.map_or(Ok(()), FleetWriter::finish)?;
-        let teams = self.teams.into_iter().map(|team| team.report(wall)).collect::<Result<Vec<_>, _>>()?;
+        let recorded = self.recorded.and_then(|()| self.recorder.map_or(Ok(()), FleetWriter::finish));
+        let (teams, each): (Vec<_>, Vec<_>) = self.teams.into_iter().map(|team| team.report(wall)).unzip();
+        let recorded = [recorded].into_iter().chain(each).collect();
         let reports: Vec<_> = teams.iter().map(|team| (team.id, &team.report)).collect();
         let mut report = FleetReport::new(self.run, &reports, &self.across, Some(traffic(&teams)), wall);
         report.traffic = teams.iter().flat_map(TeamReport::traffic).collect();
-        Ok(report)
+        Ok((report, recorded))
     }
 
     /// Whether no round follows.
@@ -143,7 +147,7 @@ impl FleetFlight {
     }
 
     /// Flies one round of every team, and exchanges the states between them.
-    fn round(&mut self, threads: NonZeroUsize) -> Result<(), RecordError> {
+    fn round(&mut self, threads: NonZeroUsize) {
         let Self { origin, teams, sky, zero_s, .. } = self;
         let (origin, zero_s) = (&*origin, *zero_s);
         let share = teams.len().div_ceil(threads.get()).max(1);
@@ -163,13 +167,16 @@ impl FleetFlight {
         sky.exchange(teams.iter_mut().map(Team::sent), places.into_iter());
         if let Some(recorder) = &mut self.recorder {
             let with_places = (self.ticks / ROUND_TICKS).is_multiple_of(self.record_rounds);
-            teams.iter_mut().try_for_each(|team| team.record(recorder, origin, with_places))?;
+            self.recorded = teams.iter_mut().try_for_each(|team| team.record(recorder, origin, with_places));
+            if self.recorded.is_err() {
+                // The figures need the room that its file takes.
+                self.recorder = None;
+            }
         }
         if zero_s.is_some() {
             self.across.observe(&teams.iter().map(Team::airborne).collect::<Vec<_>>());
             self.ticks += ROUND_TICKS;
         }
-        Ok(())
     }
 }
 

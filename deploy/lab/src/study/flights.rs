@@ -7,12 +7,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
-use super::plan::{Plan, PlannedRun, write};
+use super::plan::{Plan, PlannedRun};
 use super::planned::write_results;
 use super::summary::{FAILURE, Summary, summary};
 use super::{table, verdict};
 use crate::error::Error;
 use crate::metrics::Measured;
+use crate::out::write;
 
 /// The file with the reason why a flight failed, in the folder of its run.
 const FAILURE_FILE: &str = "failure.txt";

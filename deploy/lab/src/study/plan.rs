@@ -27,7 +27,6 @@ use serde_json::{Value, json};
 use skein_common::scenario::{ControlMode, Described, Loaded, RecordRuns, SafetyFilter, Scenario};
 use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
-use skein_host::atomic_file::{self, Durability};
 use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
 
@@ -37,12 +36,14 @@ use super::{FleetRecording, FleetStudy, Stop, Study, StudyArgs, StudyError};
 use crate::error::Error;
 use crate::external::{self, LawPool, Trial};
 use crate::metrics::{Measured, Report, TRAFFIC_FILE, traffic_csv};
-use crate::out::{self, Claim};
+use crate::out::{self, Claim, write};
 use crate::prepare::prepare;
 use crate::scenario::{Ready, ScenarioArgs};
 
 /// A study has at most this many runs: more would take too long.
 const MOST_RUNS: usize = 10_000_000;
+/// Name of the file in a study's folder that is there while recordings are missing.
+pub(super) const UNRECORDED: &str = ".skein-unrecorded";
 
 /// What a program that flies studies puts in.
 #[derive(Clone, Debug)]
@@ -301,7 +302,8 @@ impl Plan {
         }
         // Flights in real time that failed are flown again.
         let is_whole = || !self.is_live || (0..self.runs()).all(|nth| self.run(nth).measured_in(out).is_some());
-        if out.join("summary.json").exists() && is_whole() {
+        let is_recorded = || !out.join(UNRECORDED).exists();
+        if out.join("summary.json").exists() && is_whole() && is_recorded() {
             return refused("this study is there already, and finished".to_owned());
         }
         std::path::absolute(out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))
@@ -413,23 +415,25 @@ impl PlannedRun<'_> {
     }
 
     /// Flies the run of a fleet and writes its files. It is recorded while it flies, because a fleet's recording is small.
+    /// Beside its figures: whether it was recorded as far as it should be.
     ///
     /// # Errors
     /// The reason, with the name of the run.
-    pub(super) fn fly_fleet(&self, is_recorded: bool) -> Result<Measured, Error> {
+    pub(super) fn fly_fleet(&self, is_recorded: bool) -> Result<(Measured, Result<(), Error>), Error> {
         self.remove_unfinished();
         let (study, files) = self.fleet()?;
         let folder = self.folder();
         let (scenario_toml, teams_toml) = (files.run.scenario.as_str(), files.teams_toml.as_slice());
         let recording = FleetRecording { folder: &folder, scenario_toml, teams_toml };
         let is_recorded = is_recorded && study.teams.iter().any(|team| team.scenario.record.runs != RecordRuns::None);
-        let report = study.fly(self.plan.threads, is_recorded.then_some(&recording));
-        let report = report.map_err(|error| Error::Failed(format!("{self}: {error}")))?;
+        let flown = study.fly(self.plan.threads, is_recorded.then_some(&recording));
+        let (report, recorded) = flown.map_err(|error| Error::Failed(format!("{self}: {error}")))?;
         drop(study);
         write(&folder.join("teams.csv"), &report.teams_csv())?;
         write(&folder.join(TRAFFIC_FILE), &traffic_csv(&report.traffic))?;
         self.write(&files.run, &report)?;
-        Ok(report.measured())
+        let recorded = recorded.map_err(|error| Error::Failed(format!("{self}: recording: {error}")));
+        Ok((report.measured(), recorded))
     }
 
     /// The studies of a fleet's teams, the complete file with those of the teams that are recorded, and the texts of the
@@ -560,18 +564,6 @@ impl std::fmt::Display for PlannedRun<'_> {
         }
         write!(f, "seed {}", self.seed)
     }
-}
-
-/// Writes a file that is there whole or not at all, with the folders above it.
-///
-/// # Errors
-/// A failure that names the file.
-pub fn write(path: &Path, text: &str) -> Result<(), Error> {
-    let written = || {
-        path.parent().map_or(Ok(()), fs::create_dir_all)?;
-        atomic_file::write(path, text.as_bytes(), Durability::Atomic)
-    };
-    written().map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
 }
 
 #[cfg(test)]

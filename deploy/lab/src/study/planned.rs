@@ -1,14 +1,17 @@
 //! Flies a plan and writes its results.
 
+use std::fs;
 use std::num::NonZeroUsize;
 use std::thread;
 
 use super::flight::fly_side_by_side;
-use super::plan::{Plan, write};
+use super::plan::{Plan, UNRECORDED};
 use super::recorded::record;
 use super::summary::{by_point, csv, summary};
 use crate::error::Error;
 use crate::metrics::Measured;
+use crate::out::write;
+use crate::record::FLEET_FILE;
 use crate::terminal::json;
 use skein_host::parallel::in_parallel;
 
@@ -20,40 +23,73 @@ pub trait Progress: Sync {
     fn inc(&self);
 }
 
-/// Flies the runs that are not there yet, records what the scenario asks for unless `is_recorded` is false, and writes
-/// `runs.csv` and, last of all, `summary.json`. Returns the figures of all runs.
+/// What a study has flown.
+#[derive(Debug)]
+pub struct FlownStudy {
+    /// The figures of all runs.
+    pub runs: Vec<Measured>,
+    /// Whether everything was recorded that should be. The figures are written in any case, and the same study goes on with
+    /// its recordings.
+    pub recorded: Result<(), Error>,
+}
+
+/// Flies the runs that are not there yet, writes `runs.csv` and `summary.json`, and then records what the scenario asks for
+/// unless `is_recorded` is false.
 ///
 /// # Errors
 /// A run that failed; those that were done are written.
-pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> Result<Vec<Measured>, Error> {
+pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> Result<FlownStudy, Error> {
     let cores = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let jobs = plan.jobs.unwrap_or(NonZeroUsize::new(cores.get() / plan.threads()).unwrap_or(NonZeroUsize::MIN));
-    let runs = fly(plan, jobs, is_recorded, progress)?;
-    if is_recorded && !plan.is_fleet {
-        record(plan, &runs, jobs)?;
+    let (runs, recorded) = fly(plan, jobs, is_recorded, progress)?;
+    // As long as this file is there, the study is not finished.
+    let unrecorded = plan.out.join(UNRECORDED);
+    if is_recorded {
+        write(&unrecorded, "")?;
     }
     write_results(plan, &runs)?;
-    Ok(runs)
+    let recorded = match is_recorded && !plan.is_fleet {
+        true => record(plan, &runs, jobs),
+        false => recorded,
+    };
+    if recorded.is_ok() && is_recorded {
+        let failed = |error| Error::Failed(format!("{}: {error}", unrecorded.display()));
+        fs::remove_file(&unrecorded).map_err(failed)?;
+    }
+    Ok(FlownStudy { runs, recorded })
 }
 
-/// Writes `runs.csv` and, last of all, `summary.json`.
+/// Writes `runs.csv`, then `summary.json`.
 pub(super) fn write_results(plan: &Plan, runs: &[Measured]) -> Result<(), Error> {
     write(&plan.out.join("runs.csv"), &csv(&plan.points, runs))?;
     let text = match plan.is_swept() {
         true => json(&by_point(&plan.points, runs)),
         false => json(&summary(runs)),
     };
-    // The last of all: the study is finished when it is there.
+    // The last of the figures: they are complete when it is there.
     write(&plan.out.join("summary.json"), &text)
 }
 
-/// All runs in their order; those that were there already are only read.
-fn fly(plan: &Plan, jobs: NonZeroUsize, is_recorded: bool, progress: &dyn Progress) -> Result<Vec<Measured>, Error> {
-    let mut there: Vec<Option<Measured>> = (0..plan.runs()).map(|nth| plan.run(nth).measured()).collect();
+/// All runs in their order, and of a fleet whether they were recorded; those that were there already are only read.
+fn fly(
+    plan: &Plan,
+    jobs: NonZeroUsize,
+    is_recorded: bool,
+    progress: &dyn Progress,
+) -> Result<(Vec<Measured>, Result<(), Error>), Error> {
+    // A fleet is recorded while it flies: one whose recording has failed flies again.
+    let lacks_recording = plan.is_fleet && is_recorded && plan.out.join(UNRECORDED).exists();
+    let is_done = |nth: usize| !lacks_recording || plan.run(nth).folder().join(FLEET_FILE).exists();
+    let measured = |nth: usize| plan.run(nth).measured().filter(|_| is_done(nth));
+    let mut there: Vec<Option<Measured>> = (0..plan.runs()).map(measured).collect();
+    let mut recorded = Ok(());
     let left: Vec<usize> = (0..there.len()).filter(|&nth| there[nth].is_none()).collect();
     progress.begin(there.len(), there.len() - left.len());
     let flown = if plan.is_fleet {
-        in_parallel(left.len(), jobs, |nth| plan.run(left[nth]).fly_fleet(is_recorded).inspect(|_| progress.inc()))?
+        let fly = |nth: usize| plan.run(left[nth]).fly_fleet(is_recorded).inspect(|_| progress.inc());
+        let (flown, each): (Vec<_>, Vec<_>) = in_parallel(left.len(), jobs, fly)?.into_iter().unzip();
+        recorded = each.into_iter().collect();
+        flown
     } else {
         let begin = |nth: usize| {
             let run = plan.run(left[nth]);
@@ -64,5 +100,5 @@ fn fly(plan: &Plan, jobs: NonZeroUsize, is_recorded: bool, progress: &dyn Progre
         })?
     };
     left.into_iter().zip(flown).for_each(|(nth, measured)| there[nth] = Some(measured));
-    Ok(there.into_iter().flatten().collect())
+    Ok((there.into_iter().flatten().collect(), recorded))
 }

@@ -1,6 +1,5 @@
 //! What is measured of a flight, and what is written of that.
 
-use std::fs;
 use std::time::Instant;
 
 use skein_common::id::{FleetVehicle, VehicleId};
@@ -76,8 +75,10 @@ impl Flight {
         self.record(|recorder| recorder.window_ends(now));
         let report = self.metrics.report(Wall { wall_s, real_time_factor: self.simulated_s(now) / wall_s.max(1e-9) });
         let path = self.plan.out.join("metrics.json");
-        if let Err(error) = fs::write(&path, skein_lab::terminal::json(&report)) {
-            self.fail(format!("{}: {error}", path.display()));
+        // A recording may have filled the disk.
+        self.room = None;
+        if let Err(error) = skein_lab::out::write(&path, skein_lab::terminal::json(&report)) {
+            self.fail(error.to_string());
         }
         self.report = Some(report);
         self.traffic = self.received_per_vehicle();

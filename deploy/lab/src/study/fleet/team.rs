@@ -300,15 +300,12 @@ impl Team {
         &self.airborne
     }
 
-    /// What was measured.
-    ///
-    /// # Errors
-    /// If the recording of the team cannot be completed.
-    pub(super) fn report(mut self, wall: Wall) -> Result<TeamReport, RecordError> {
+    /// What was measured, and whether the recording of the team is complete.
+    pub(super) fn report(mut self, wall: Wall) -> (TeamReport, Result<(), RecordError>) {
         let totals = self.world.totals();
         self.metrics.set_totals(totals);
         let report = self.metrics.report(wall);
-        self.recorder.take().map_or(Ok(()), |recorder| recorder.finish(report.duration_s))?;
+        let recorded = self.recorder.take().map_or(Ok(()), |recorder| recorder.finish(report.duration_s));
         let (heartbeats, heartbeat_bytes) = self.world.heartbeats_sent();
         // Each message of a vehicle reaches all others of the team.
         let per_s = |count: u64| {
@@ -317,7 +314,7 @@ impl Team {
         };
         let own_per_s = (per_s(totals.state_messages + heartbeats), per_s(totals.state_bytes + heartbeat_bytes));
         let (received, from_others, t_s) = (self.received, self.from_others, self.world.t_s());
-        Ok(TeamReport { id: self.id, report, received, own_per_s, from_others, t_s })
+        (TeamReport { id: self.id, report, received, own_per_s, from_others, t_s }, recorded)
     }
 
     /// Whether an event isolates the team now; with `both_ways` only an event that withholds its states from the others.
