@@ -1,7 +1,8 @@
 % The smallest external law, for Matlab over TCP: every vehicle flies to the centre. Parameters: gain, 1/s.
 % scenario: formation.external.listen = "tcp/127.0.0.1:5600"
-% In real time vehicle i connects to port 5600 + i; in a study one program serves all vehicles, on port 5600.
-c = tcpclient("127.0.0.1", 5603); configureTerminator(c, "LF");          % vehicle 3 in real time
+% A study waits on port 5600 for one program that serves all vehicles; in real time vehicle i waits on port 5600 + i.
+vehicle = 0;                                  % 0: all vehicles of a study; in real time the id of the vehicle
+c = tcpclient("127.0.0.1", 5600 + vehicle); configureTerminator(c, "LF");
 while true
     m = jsondecode(readline(c));
     switch m.say

@@ -118,8 +118,14 @@ fn law(name: &Name, lang: Language, source: Option<&Path>) -> Start {
                 NewFile::new(format!("{name}.m"), goto_tcp.text, "the law: every vehicle flies to the centre"),
                 NewFile::new(file.clone(), external(listen.to_owned(), "{ gain = 0.3 }"), "a scenario that flies it"),
             ];
-            let mut next = fly(&file);
-            next.insert(0, (format!("run {name}.m in Matlab once the flight waits"), "the law"));
+            let next = vec![
+                (format!("skein study {file} --seeds 0..5"), "in virtual time; it waits until the law runs"),
+                (format!("run {name}.m in Matlab"), "the law, which connects to the study on port 5600"),
+                (
+                    format!("skein fly {file}"),
+                    "in real time; then run the law once for each vehicle, with its id in it",
+                ),
+            ];
             Start { files, next }
         }
         Language::Rust => rust_law(name, source.unwrap_or(Path::new(""))),

@@ -95,14 +95,12 @@ fn never(run: &Measured, key: &str) -> bool {
 pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measured]) -> String {
     let good = |run: &&Measured| failures(run).next().is_none();
     let all_good: Vec<&Measured> = runs.iter().filter(good).collect();
-    let results = match all_good.as_slice() {
-        [] => "none without a failure".to_owned(),
-        all_good => achievements(all_good).join(", "),
-    };
+    let results = || achievements(&all_good).join(", ");
     let mut text = match runs {
         [_] if all_good.is_empty() => String::new(),
-        [run] => format!("seed {}: {results}\n", run.seed),
-        runs => format!("{} of {} runs: {results}\n", all_good.len(), runs.len()),
+        [run] => format!("seed {}: {}\n", run.seed, results()),
+        runs if all_good.is_empty() => format!("every one of the {} runs has failed\n", runs.len()),
+        runs => format!("{} of {} runs: {}\n", all_good.len(), runs.len(), results()),
     };
     for failure in &FAILURES {
         let failed: Vec<usize> = (0..runs.len()).filter(|&nth| (failure.is_it)(&runs[nth])).collect();
@@ -270,6 +268,6 @@ mod tests {
     fn many_seeds_are_cut_to_the_first_ones() {
         let runs: Vec<Measured> = (0..20).map(|seed| run(seed, COLLIDED)).collect();
         assert!(of(&runs).contains("20 of 20 runs with a collision, seeds 0, 1, 2, 3, 4, 5, 6, 7 and 12 more: "));
-        assert!(of(&runs).starts_with("0 of 20 runs: none without a failure\n"));
+        assert!(of(&runs).starts_with("every one of the 20 runs has failed\n"));
     }
 }
