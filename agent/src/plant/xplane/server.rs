@@ -9,9 +9,11 @@
 //! While it is paused or in replay, time stands still, and the messages continue. A reset gives the overrides back. Datarefs
 //! below `skein/standin/` order faults, so that tests and students see what a real simulator does on a bad day.
 
+mod air;
 mod clients;
 mod commands;
 mod datarefs;
+mod motion;
 mod output;
 mod settings;
 mod weather;
@@ -30,6 +32,7 @@ use clients::Clients;
 pub use commands::{Action, COMMANDS, CommandEntry};
 pub use datarefs::{DEFAULT_ACF, Dataref, Surroundings, ValueType};
 use datarefs::{Handle, Others, Situation, reference_below};
+use motion::Motion;
 use output::{Radar, Rows};
 use settings::{Setting, Settings};
 use skein_common::frame::TangentPlane;
@@ -78,6 +81,8 @@ impl Version {
 pub enum Order {
     /// Put it to this place.
     Place(Placement),
+    /// Hold it in this pose, or let it fly on from there.
+    Move(Move),
     /// Put it back to its start.
     Reset,
     /// Do nothing for this many seconds, as a program that hangs.
@@ -108,6 +113,8 @@ pub struct Server {
     weather_due: Option<u64>,
     /// The situation of the last frame, for clients of the Web API.
     situation: Option<Situation>,
+    /// Velocity of the last frame, and the specific force since the one before.
+    motion: Option<Motion>,
     /// Poses of the other aircraft, and the files that clients have loaded for them.
     others: Others,
     loaded: BTreeMap<u8, String>,
@@ -140,6 +147,7 @@ impl Server {
             surroundings,
             weather_due: None,
             situation: None,
+            motion: None,
             others: Others::default(),
             loaded: BTreeMap::new(),
             reference: None,
@@ -166,7 +174,9 @@ impl Server {
                 self.has_collective |= output::write(&rows, &mut self.settings);
                 None
             }),
-            Some(tag) if *tag == Physics::Stop.tag() => Move::decode(datagram).map(|moved| self.move_other(moved)),
+            Some(tag) if [Physics::Stop, Physics::Continue].map(Physics::tag).contains(tag) => {
+                Move::decode(datagram).map(|moved| self.move_aircraft(moved))
+            }
             Some(&ACFN) => Load::decode(datagram).map(|load| self.load(&load)),
             Some(&radr::TAG) => radr::RadarRequest::decode(datagram)
                 .map(|request| self.radar.subscribe(from, request, self.frame_rate_hz))
@@ -188,14 +198,22 @@ impl Server {
         })
     }
 
-    /// Moves one of the other aircraft, whose own path thereby ends. The user's own stays: an agent flies it.
-    fn move_other(&mut self, moved: Move) -> Option<Order> {
+    /// Moves an aircraft. Under VEHX its own path ends, until a client gives that back.
+    fn move_aircraft(&mut self, moved: Move) -> Option<Order> {
         let number = usize::from(moved.aircraft);
-        if let Some(other) = number.checked_sub(1).and_then(|nth| self.others.get_mut(nth)) {
-            *other = Some(moved);
+        if moved.physics == Physics::Stop {
             self.settings.store(Setting::OverridePlanePath, number, 1.0);
         }
+        match number.checked_sub(1) {
+            None => return Some(Order::Move(moved)),
+            Some(nth) => self.others.get_mut(nth).into_iter().for_each(|other| *other = Some(moved)),
+        }
         None
+    }
+
+    /// Whether a client holds the user's own aircraft in a pose, without its flight model.
+    pub fn holds_own(&self) -> bool {
+        self.settings.get(Setting::OverridePlanePath, 0) != 0.0
     }
 
     /// Loads the user's own aircraft, which begins a new flight in the same place after some seconds without frames; of the
@@ -391,6 +409,9 @@ impl Server {
         situation.running_s = self.running_s;
         situation.frame_period_s = frame_s;
         situation.speed = simulated_s / frame_s;
+        let motion = self.motion.take().unwrap_or_else(|| Motion::begin(frame)).after(frame);
+        situation.specific_force_g = motion.specific_force_g;
+        self.motion = Some(motion);
         for client in &mut self.clients.all {
             self.pairs.clear();
             for value in &mut client.values {

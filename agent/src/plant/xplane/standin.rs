@@ -11,6 +11,7 @@ mod options;
 mod simulator;
 mod web;
 
+use std::collections::VecDeque;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::Arc;
@@ -27,8 +28,13 @@ use options::{udp_port, web_port};
 pub use simulator::{RunState, Simulator};
 use web::Web;
 
-/// Largest number of queued datagrams read in one frame.
-const MAX_QUEUED: u32 = 4096;
+/// Largest number of datagrams that wait for a frame; more are lost.
+const MAX_QUEUED: usize = 4096;
+/// The system's queue holds few datagrams (166 requests for datarefs on Linux), so that it is emptied while a frame is waited for:
+/// as soon as one comes, and close to the end, where a wait for one would be too long, this often.
+const LOOK_PERIOD: Duration = Duration::from_micros(500);
+/// Beyond what a wait for a datagram may last too long.
+const CLOSE: Duration = Duration::from_millis(5);
 /// Number of frames by which a simulator may be late before it skips them.
 const MAX_LATE_FRAMES: u32 = 5;
 /// Time without subscribers after which a stand-in with `--until-unused` ends.
@@ -65,6 +71,8 @@ pub struct Standin {
     options: StandinOptions,
     simulator: Simulator,
     port: Port,
+    /// Datagrams that wait for the next frame.
+    waiting: VecDeque<(Box<[u8]>, SocketAddr)>,
     /// Sending ports of positions and values, if not `port`.
     split: Option<Split>,
     address: SocketAddr,
@@ -96,6 +104,7 @@ impl Standin {
             split: options.split_ports.then(|| Split::open(listen)).transpose().map_err(bind)?,
             address: (Ipv4Addr::LOCALHOST, port.local_addr().map_err(bind)?.port()).into(),
             port,
+            waiting: VecDeque::new(),
             beacons: if options.beacon { beacon_sockets() } else { Vec::new() },
             computer: format!("xplane-standin-{}", options.id),
         })
@@ -118,7 +127,7 @@ impl Standin {
         let mut last_used = now();
         let mut deadline = now();
         while !stop.load(Relaxed) {
-            sleep_until(deadline);
+            self.wait(deadline);
             let period = Duration::from_secs_f64(self.frame());
             let now = now();
             deadline = next_deadline(deadline, period, now);
@@ -162,11 +171,8 @@ impl Standin {
         if let Some(web) = &mut self.web {
             web.discard();
         }
-        for _ in 0..MAX_QUEUED {
-            if matches!(self.port.receive(None), Received::Nothing) {
-                return;
-            }
-        }
+        self.collect();
+        self.waiting.clear();
     }
 
     fn simulate(&mut self, frame_s: f64) {
@@ -192,20 +198,46 @@ impl Standin {
         }
     }
 
+    /// Waits for the next frame, and collects datagrams meanwhile.
+    fn wait(&mut self, deadline: Instant) {
+        while now() + CLOSE < deadline {
+            let received = self.port.receive(Some(deadline - CLOSE));
+            self.keep(&received);
+        }
+        while now() < deadline {
+            self.collect();
+            sleep_until(deadline.min(now() + LOOK_PERIOD));
+        }
+    }
+
+    /// Keeps the datagrams that the system has.
+    fn collect(&mut self) {
+        for _ in 0..MAX_QUEUED {
+            let received = self.port.receive(None);
+            if matches!(received, Received::Nothing) {
+                return;
+            }
+            self.keep(&received);
+        }
+    }
+
+    /// Keeps a datagram. Of an error in its place a subscriber that has gone may be the cause, but it does not say which; the
+    /// bound of the server's table covers that.
+    fn keep(&mut self, received: &Received) {
+        if let Received::Datagram(size, from) = *received
+            && self.waiting.len() < MAX_QUEUED
+        {
+            self.waiting.push_back((self.port.datagram(size).into(), from));
+        }
+    }
+
     /// Processes the datagrams received since the last frame.
     fn receive(&mut self) {
-        for _ in 0..MAX_QUEUED {
-            match self.port.receive(None) {
-                // Like its beacon, the stand-in is for this computer only.
-                Received::Datagram(_, from) if !is_this_host(from.ip()) || !self.options.incoming => {}
-                Received::Datagram(size, from) => {
-                    if !self.simulator.receive(self.port.datagram(size), from) {
-                        return;
-                    }
-                }
-                // A subscriber has gone, but the error does not say which; the table's bound covers it.
-                Received::Fault => {}
-                Received::Nothing => return,
+        self.collect();
+        while let Some((datagram, from)) = self.waiting.pop_front() {
+            // Like its beacon, the stand-in is for this computer only.
+            if is_this_host(from.ip()) && self.options.incoming && !self.simulator.receive(&datagram, from) {
+                return;
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::air::{Air, FEET_PER_M, Flow};
 use super::settings::{AIRCRAFT, ENGINES, Setting, Settings};
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
 use crate::plant::xplane::wire::aircraft::Move;
@@ -28,6 +29,8 @@ pub(super) struct Situation {
     /// Attitude against the Earth right below the aircraft.
     pub(super) true_attitude: Attitude,
     pub(super) rotor_speed_rad_s: f64,
+    /// Specific force in body axes, forward, right, down, as a multiple of gravity.
+    pub(super) specific_force_g: [f64; 3],
     /// Place in the local frame, m: east, up, south of the reference at sea level.
     pub(super) local_m: [f64; 3],
     pub(super) reference: Geodetic,
@@ -78,6 +81,16 @@ pub(super) fn reference_below(place: &Geodetic) -> TangentPlane {
 }
 
 impl Situation {
+    /// The air where the aircraft is.
+    pub(super) fn air(&self) -> Air {
+        Air::at(self.position.elevation_m)
+    }
+
+    /// How the aircraft moves over the ground and through the air.
+    pub(super) fn flow(&self) -> Flow {
+        Flow::of(&self.position, self.surroundings.wind_m_s(), self.air())
+    }
+
     pub(super) fn new(frame: &Frame, reference: &TangentPlane, surroundings: &Surroundings, version: i32) -> Self {
         let local = reference.ned_from_geodetic(&frame.measurement.position);
         Self {
@@ -87,6 +100,7 @@ impl Situation {
             position: convert::position(&frame.measurement, reference),
             true_attitude: frame.measurement.attitude,
             rotor_speed_rad_s: frame.measurement.rotor_speed_rad_s.unwrap_or(0.0),
+            specific_force_g: [0.0, 0.0, -1.0],
             flight_s: frame.time.seconds(),
             running_s: 0.0,
             frame_period_s: 0.0,
@@ -265,6 +279,22 @@ static DATAREFS: &[Dataref] = &{
         scalar("sim/flightmodel/position/local_vy", Computed(|s| s.position.velocity_up_m_s.into())),
         scalar("sim/flightmodel/position/local_vz", Computed(|s| s.position.velocity_south_m_s.into())),
         scalar("sim/flightmodel/position/groundspeed", Computed(groundspeed_m_s)),
+        scalar("sim/flightmodel/position/true_airspeed", Computed(|s| s.flow().true_airspeed_m_s)),
+        scalar("sim/flightmodel/position/equivalent_airspeed", Computed(|s| s.flow().equivalent_airspeed_kt())),
+        scalar("sim/flightmodel/position/indicated_airspeed", Computed(|s| s.flow().equivalent_airspeed_kt())),
+        scalar("sim/flightmodel/position/vh_ind", Computed(|s| s.position.velocity_up_m_s.into())),
+        scalar("sim/flightmodel/position/vh_ind_fpm", Computed(|s| f64::from(s.position.velocity_up_m_s) * FEET_PER_M * 60.0)),
+        scalar("sim/flightmodel/position/hpath", Computed(|s| s.flow().hpath_deg)),
+        scalar("sim/flightmodel/position/vpath", Computed(|s| s.flow().vpath_deg)),
+        scalar("sim/flightmodel/position/alpha", Computed(|s| s.flow().alpha_deg)),
+        scalar("sim/flightmodel/position/beta", Computed(|s| s.flow().beta_deg)),
+        // The axes of the accelerations: up, forward and right are positive. There is no magnetic variation.
+        scalar("sim/flightmodel/forces/g_nrml", Computed(|s| -s.specific_force_g[2])),
+        scalar("sim/flightmodel/forces/g_axil", Computed(|s| s.specific_force_g[0])),
+        scalar("sim/flightmodel/forces/g_side", Computed(|s| s.specific_force_g[1])),
+        scalar("sim/flightmodel/position/mag_psi", Computed(|s| s.position.heading_deg.into())),
+        scalar("sim/flightmodel/position/magpsi", Computed(|s| s.position.heading_deg.into())),
+        scalar("sim/flightmodel/position/magnetic_variation", Computed(|_| 0.0)),
         scalar("sim/flightmodel/position/theta", Computed(|s| s.position.pitch_deg.into())),
         scalar("sim/flightmodel/position/true_theta", Computed(|s| s.true_attitude.pitch_rad.to_degrees())),
         scalar("sim/flightmodel/position/phi", Computed(|s| s.position.roll_deg.into())),
@@ -282,6 +312,16 @@ static DATAREFS: &[Dataref] = &{
         double("sim/flightmodel/position/local_z", Computed(|s| s.local_m[2])),
         scalar("sim/flightmodel/position/lat_ref", Computed(|s| s.reference.latitude_deg())),
         scalar("sim/flightmodel/position/lon_ref", Computed(|s| s.reference.longitude_deg())),
+        // The standard atmosphere.
+        scalar("sim/weather/barometer_current_inhg", Computed(|s| s.air().pressure_inhg())),
+        scalar("sim/weather/barometer_sealevel_inhg", Computed(|_| Air::at(0.0).pressure_inhg())),
+        scalar("sim/weather/aircraft/barometer_current_pas", Computed(|s| s.air().pressure_pa)),
+        scalar("sim/weather/aircraft/qnh_pas", Computed(|_| Air::at(0.0).pressure_pa)),
+        scalar("sim/weather/region/sealevel_pressure_pas", Computed(|_| Air::at(0.0).pressure_pa)),
+        scalar("sim/weather/rho", Computed(|s| s.air().density_kg_m3)),
+        scalar("sim/weather/temperature_ambient_c", Computed(|s| s.air().temperature_c())),
+        scalar("sim/weather/aircraft/temperature_ambient_deg_c", Computed(|s| s.air().temperature_c())),
+        scalar("sim/cockpit2/gauges/indicators/altitude_ft_pilot", Computed(|s| s.position.elevation_m * FEET_PER_M)),
         // Aircraft and surroundings. The wind is the mean one, without gusts.
         text("sim/aircraft/view/acf_relative_path", |s| &s.surroundings.acf),
         scalar("sim/weather/aircraft/wind_now_x_msc", Computed(|s| s.surroundings.wind_m_s()[0])),
@@ -344,6 +384,7 @@ static DATAREFS: &[Dataref] = &{
         int("sim/operation/override/override_joystick_roll", Kept(OverrideRoll)),
         int("sim/operation/override/override_joystick_pitch", Kept(OverridePitch)),
         int("sim/operation/override/override_joystick_heading", Kept(OverrideYaw)),
+        int("sim/joystick/has_joystick", Computed(|_| 0.0)),
         // The pilot's own stick, which a client moves here; X-Plane only reads it from its devices.
         axes("sim/joystick/joy_mapped_axis_value", Kept(Stick)),
         scalar("sim/joystick/yoke_roll_ratio", Kept(Roll)),

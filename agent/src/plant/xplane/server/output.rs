@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::net::SocketAddr;
 
 use super::Version;
+use super::air::{FEET_PER_M, KNOTS_PER_M_S};
 use super::clients::Schedule;
 use super::datarefs::Situation;
 use super::settings::{Setting, Settings};
@@ -14,8 +15,9 @@ use crate::plant::xplane::wire::{Tag, WireError};
 
 /// Highest number of a row. An unknown row once raised an alert on X-Plane's screen; here it is ignored.
 const LAST_ROW: i32 = 138;
-const KNOTS_PER_M_S: f64 = 3600.0 / 1852.0;
-const FEET_PER_M: f64 = 1.0 / 0.3048;
+const MILES_PER_HOUR_PER_KNOT: f64 = 1852.0 / 1609.344;
+/// Speed of sound in the standard atmosphere at sea level, m/s.
+const SOUND_M_S: f64 = 340.294;
 
 /// Which rows are sent, and where. X-Plane has one receiver for all programs.
 #[derive(Debug, Default)]
@@ -70,32 +72,44 @@ impl Rows {
 }
 
 /// The row's numbers, if this stand-in has any for it. X-Plane 11 orders the rates of row 16 in another way.
-fn read(index: i32, s: &Situation, settings: &Settings, version: Version) -> Option<Row> {
+pub(super) fn read(index: i32, s: &Situation, settings: &Settings, version: Version) -> Option<Row> {
     let (p, first) = (&s.position, |setting| f64::from(settings.first(setting)));
     let [east, up, south] = [p.velocity_east_m_s, p.velocity_up_m_s, p.velocity_south_m_s].map(f64::from);
     let rates = [p.roll_rate_rad_s, p.pitch_rate_rad_s, p.yaw_rate_rad_s].map(f64::from);
     let knots = super::datarefs::groundspeed_m_s(s) * KNOTS_PER_M_S;
+    let (flow, heading_deg) = (s.flow(), f64::from(p.heading_deg));
+    let [shown, true_kt] = [flow.equivalent_airspeed_kt(), flow.true_airspeed_kt()];
+    let [forward_g, right_g, down_g] = s.specific_force_g;
+    let mph = |knots: f64| knots * MILES_PER_HOUR_PER_KNOT;
     let numbers: &[(usize, f64)] = match index {
         0 => {
             let rate_hz = 1.0 / s.frame_period_s;
             &[(0, rate_hz), (1, rate_hz), (3, s.frame_period_s), (6, 1.0), (7, s.speed)]
         }
         1 => &[(0, s.running_s), (1, s.running_s), (2, s.flight_s)],
-        3 => &[(3, knots)],
-        4 => &[(2, up * FEET_PER_M * 60.0)],
+        3 => &[(0, shown), (1, shown), (2, true_kt), (3, knots), (5, mph(shown)), (6, mph(true_kt)), (7, mph(knots))],
+        4 => &[
+            (0, flow.true_airspeed_m_s / SOUND_M_S),
+            (2, up * FEET_PER_M * 60.0),
+            (4, -down_g),
+            (5, forward_g),
+            (6, right_g),
+        ],
         8 => &[(0, first(Setting::Pitch)), (1, first(Setting::Roll)), (2, first(Setting::Yaw))],
         16 => match version {
             Version::V11 => &[(0, rates[1]), (1, rates[0]), (2, rates[2])],
             Version::V12 => &[(0, rates[0].to_degrees()), (1, rates[1].to_degrees()), (2, rates[2].to_degrees())],
         },
-        17 => &[(0, p.pitch_deg.into()), (1, p.roll_deg.into()), (2, p.heading_deg.into())],
+        17 => &[(0, p.pitch_deg.into()), (1, p.roll_deg.into()), (2, heading_deg), (3, heading_deg)],
+        18 => &[(0, flow.alpha_deg), (1, flow.beta_deg), (2, flow.hpath_deg), (3, flow.vpath_deg), (7, 0.0)],
+        19 => &[(0, heading_deg), (1, 0.0)],
         20 => &[
             (0, p.latitude_deg),
             (1, p.longitude_deg),
             (2, p.elevation_m * FEET_PER_M),
             (3, f64::from(p.height_m) * FEET_PER_M),
         ],
-        21 => &[(3, east), (4, up), (5, south)],
+        21 => &[(0, s.local_m[0]), (1, s.local_m[1]), (2, s.local_m[2]), (3, east), (4, up), (5, south)],
         25 | 26 => &[(0, first(Setting::Throttle))],
         28 => &[(0, first(Setting::Collective))],
         38 => &[(0, rpm_from_rad_s(s.rotor_speed_rad_s))],

@@ -348,20 +348,21 @@ fn wrong_sizes_are_counted_and_unknown_messages_are_ignored() {
         b"ISE4\0",
         b"RADR\0x",
         b"VEHX\0",
+        b"VEHS\0",
         b"ACFN\0",
     ];
     for (nth, datagram) in wrong.into_iter().enumerate() {
         bench.send(client(1), |out| out.extend_from_slice(datagram));
         assert_eq!(bench.server.malformed(), nth as u64 + 1, "{datagram:?}");
     }
-    for datagram in [&b"CMND\0sim/no/such/command"[..], b"QUIT\0", b"VEHS\0", b"hello"] {
+    for datagram in [&b"CMND\0sim/no/such/command"[..], b"QUIT\0", b"hello"] {
         bench.send(client(1), |out| out.extend_from_slice(datagram));
     }
     assert_eq!(bench.server.malformed(), wrong.len() as u64);
 }
 
 #[test]
-fn other_aircraft_are_moved_and_loaded_and_the_users_own_is_not() {
+fn aircraft_are_moved_and_loaded() {
     let mut bench = Bench::new();
     let moved = |aircraft: u8| Move {
         physics: Physics::Stop,
@@ -373,9 +374,18 @@ fn other_aircraft_are_moved_and_loaded_and_the_users_own_is_not() {
         pitch_deg: 0.0,
         roll_deg: 0.0,
     };
-    for aircraft in [0, 3, 19] {
+    for aircraft in [3, 19] {
         bench.send(client(1), |out| moved(aircraft).encode(out));
     }
+    // The caller holds the user's own until a client gives it back.
+    let mut datagram = Vec::new();
+    moved(0).encode(&mut datagram);
+    assert_eq!(
+        (bench.server.handle(&datagram, client(1)), bench.server.holds_own()),
+        (Some(Order::Move(moved(0))), true)
+    );
+    bench.set("sim/operation/override/override_planepath[0]", 0.0);
+    assert!(!bench.server.holds_own());
     let numbers: Vec<u8> = (0..=20).filter(|number| bench.server.other(*number).is_some()).collect();
     assert_eq!(numbers, [3, 19]);
     assert_eq!(bench.server.other(3), Some(&moved(3)));

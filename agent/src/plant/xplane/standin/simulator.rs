@@ -3,14 +3,15 @@
 use std::net::SocketAddr;
 
 use rand_chacha::ChaCha8Rng;
-use skein_common::frame::{Geodetic, Origin};
+use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wrap_rad};
 
 use super::aircraft::Aircraft;
 use super::options::{StandinError, StandinOptions, check_frames, parameters, start, weather};
 use crate::plant::xplane::server::{Order, Server, Surroundings, Task, Value};
+use crate::plant::xplane::wire::aircraft::{Move, Physics};
 use crate::plant::xplane::wire::prel::Placement;
 use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
-use skein_core::plant::Frame;
+use skein_core::plant::{Frame, GroundTruth, Measurement};
 use skein_core::random::{Purpose, generator, uniform};
 
 /// A time without frames, s.
@@ -44,6 +45,8 @@ pub struct Simulator {
     aircraft: Aircraft,
     server: Server,
     random: ChaCha8Rng,
+    /// The pose in which a client holds it, and since when, s.
+    held: Option<(Move, f64)>,
     /// What it does instead of frames, if anything.
     absence: Option<Absence>,
     starts: u64,
@@ -63,6 +66,7 @@ impl Simulator {
             aircraft: Aircraft::new(vehicle(options, &parameters, &weather, start)),
             server: server(options, &weather),
             random: generator(options.seed, Some(options.id), Purpose::Simulator),
+            held: None,
             absence: None,
             starts: 1,
             options: options.clone(),
@@ -79,7 +83,38 @@ impl Simulator {
 
     /// The true state of the helicopter.
     pub fn truth(&self) -> Frame {
-        self.aircraft.frame()
+        let own = self.aircraft.frame();
+        self.held.map_or(own, |(moved, held_s)| self.held_frame(own, &moved, held_s))
+    }
+
+    /// The frame of an aircraft that a client holds in a pose: it has no speed there.
+    fn held_frame(&self, own: Frame, moved: &Move, held_s: f64) -> Frame {
+        let position = Geodetic::from_degrees(moved.latitude_deg, moved.longitude_deg, moved.elevation_m);
+        let attitude = Attitude {
+            roll_rad: f64::from(moved.roll_deg).to_radians(),
+            pitch_rad: f64::from(moved.pitch_deg).to_radians(),
+            heading_rad: wrap_rad(f64::from(moved.heading_deg).to_radians()),
+        };
+        let height_m = moved.elevation_m - self.options.alt_m;
+        let velocity = VelocityNed::default();
+        let (place, _) = Origin::new(self.start.0).locate(&position);
+        let rates = BodyRates::default();
+        Frame {
+            time: own.time.plus_seconds(held_s),
+            measurement: Measurement { position, height_m, velocity, attitude, rates, ..own.measurement },
+            truth: GroundTruth { position: place, height_m, velocity, attitude, power_w: None },
+        }
+    }
+
+    /// Lets the flight model go on from a pose. The built-in helicopter begins on the ground only.
+    fn put_down(&mut self, moved: &Move) {
+        let place = Geodetic::from_degrees(moved.latitude_deg, moved.longitude_deg, self.options.alt_m);
+        self.begin_at((place, f64::from(moved.heading_deg).to_radians()));
+    }
+
+    fn begin_at(&mut self, start: (Geodetic, f64)) {
+        self.held = None;
+        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, start));
     }
 
     /// Begins a frame: its length, s, and whether it takes place.
@@ -131,6 +166,10 @@ impl Simulator {
     fn obey(&mut self, order: Option<Order>) -> bool {
         match order {
             Some(Order::Place(placement)) => self.place(&placement),
+            Some(Order::Move(moved)) if moved.physics == Physics::Stop => {
+                self.held = Some((moved, self.held.map_or(0.0, |(_, held_s)| held_s)));
+            }
+            Some(Order::Move(moved)) => self.put_down(&moved),
             Some(Order::Reset) => self.reset(),
             Some(Order::Freeze(seconds)) => self.absence = Some(Absence::Frozen(seconds.into())),
             Some(Order::Restart(seconds)) => {
@@ -153,10 +192,16 @@ impl Simulator {
         }
         let controls = self.server.take_controls();
         let simulated_s = self.server.simulated_s(frame_s);
-        if simulated_s > 0.0 && !self.server.has_crashed() {
-            self.aircraft.advance(controls, simulated_s);
+        match &mut self.held {
+            Some((moved, _)) if !self.server.holds_own() => {
+                let last = *moved;
+                self.put_down(&last);
+            }
+            Some((_, held_s)) => *held_s += simulated_s,
+            None if simulated_s > 0.0 && !self.server.has_crashed() => self.aircraft.advance(controls, simulated_s),
+            None => {}
         }
-        let shown = if self.server.is_in_replay() { self.aircraft.replay() } else { self.aircraft.frame() };
+        let shown = if self.server.is_in_replay() { self.aircraft.replay() } else { self.truth() };
         let drop_share = self.server.drop_share();
         let Self { server, random, .. } = self;
         server.publish(&shown, frame_s, |to, datagram| {
@@ -172,14 +217,13 @@ impl Simulator {
     }
 
     fn reset(&mut self) {
-        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, self.start));
+        self.begin_at(self.start);
     }
 
     fn place(&mut self, placement: &Placement) {
         let Placement { latitude_deg, longitude_deg, heading_deg, .. } = *placement;
         let place = Geodetic::from_degrees(latitude_deg, longitude_deg, self.options.alt_m);
-        let start = (place, heading_deg.to_radians());
-        self.aircraft = Aircraft::new(vehicle(&self.options, &self.parameters, &self.weather, start));
+        self.begin_at((place, heading_deg.to_radians()));
     }
 }
 

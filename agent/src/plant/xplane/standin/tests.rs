@@ -4,6 +4,7 @@ use clap::Parser;
 
 use super::*;
 use crate::plant::xplane::server::Version;
+use crate::plant::xplane::wire::aircraft::{Move, Physics};
 use crate::plant::xplane::wire::dref::Write;
 use crate::plant::xplane::wire::operation::Command;
 use crate::plant::xplane::wire::prel::Placement;
@@ -80,6 +81,65 @@ fn the_helicopter_rests_at_its_start_until_a_client_flies_it() {
     bench.set("sim/operation/override/override_joystick", 0.0);
     bench.position_after(1);
     assert_eq!(bench.standin.simulator.server().take_controls(), None);
+}
+
+#[test]
+fn four_hundred_datarefs_that_are_asked_for_at_once_are_all_answered() {
+    let bench = Bench::new(&[]);
+    let Bench { mut standin, client } = bench;
+    let (to, stop) = (standin.address(), AtomicBool::new(false));
+    let values = thread::scope(|scope| {
+        scope.spawn(|| standin.run(&stop));
+        let mut datagram = Vec::new();
+        for index in 0..400 {
+            let path = ["sim/flightmodel/position/psi", "sim/weather/barometer_current_inhg"][index as usize % 2];
+            rref::DatarefRequest { frequency_hz: 20, index, path }.encode(&mut datagram).unwrap();
+            client.send_to(&datagram, to).unwrap();
+        }
+        let (mut values, mut buffer) = (std::collections::BTreeMap::new(), [0; MAX_DATAGRAM]);
+        // A reply that does not come ends the wait with an error.
+        while values.len() < 400 {
+            let size = client.recv(&mut buffer).unwrap_or_else(|error| panic!("{} values: {error}", values.len()));
+            values.extend(rref::decode_values(&buffer[..size]).unwrap());
+        }
+        stop.store(true, Relaxed);
+        values
+    });
+    assert!((values[&1] - 29.92).abs() < 0.01, "{values:?}");
+}
+
+#[test]
+fn a_client_holds_the_users_own_aircraft_in_a_pose_and_gives_it_back() {
+    let mut bench = Bench::new(&["--lat", "28", "--lon=-82.5", "--alt", "10"]);
+    bench.position_after(5);
+    let moved = |physics: Physics| Move {
+        physics,
+        aircraft: 0,
+        latitude_deg: 28.001,
+        longitude_deg: -82.499,
+        elevation_m: 60.0,
+        heading_deg: 120.0,
+        pitch_deg: 5.0,
+        roll_deg: -3.0,
+    };
+    bench.send(|out| moved(Physics::Stop).encode(out));
+    let held = bench.position_after(20);
+    assert!((held.latitude_deg - 28.001).abs() < 1e-9 && (held.longitude_deg + 82.499).abs() < 1e-9, "{held:?}");
+    assert!((held.elevation_m - 60.0).abs() < 1e-6 && (held.height_m - 50.0).abs() < 1e-4, "{held:?}");
+    for (shown, given) in [(held.heading_deg, 120.0), (held.pitch_deg, 5.0), (held.roll_deg, -3.0)] {
+        assert!((shown - given).abs() < 1e-2, "{held:?}");
+    }
+    assert_eq!((held.velocity_up_m_s, held.roll_rate_rad_s), (0.0, 0.0), "a pose has no speed");
+    bench.set("sim/operation/override/override_planepath[0]", 0.0);
+    let standing = bench.position_after(50);
+    assert!((standing.height_m - 0.242).abs() < 0.01, "the flight model goes on, from the ground: {standing:?}");
+    assert!(
+        (standing.latitude_deg - 28.001).abs() < 1e-6 && (standing.heading_deg - 120.0).abs() < 0.1,
+        "{standing:?}"
+    );
+    bench.send(|out| Move { latitude_deg: 28.002, ..moved(Physics::Continue) }.encode(out));
+    let standing = bench.position_after(10);
+    assert!((standing.latitude_deg - 28.002).abs() < 1e-6 && standing.height_m < 1.0, "{standing:?}");
 }
 
 #[test]

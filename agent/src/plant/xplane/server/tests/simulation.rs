@@ -77,7 +77,8 @@ fn selected_rows_go_to_the_one_receiver_at_its_rate() {
     assert!(near(&rows[1], &[5.72958, 11.45916, -17.18873]), "{:?}", rows[1]);
     assert!(near(&rows[2], &[-2.86479, 5.72958, 302.70422]), "{:?}", rows[2]);
     assert!(near(&rows[3], &[28.25, -82.5, 328.08398, 39.37008]), "{:?}", rows[3]);
-    assert!((rows[0].values[3].unwrap() - 9.71922).abs() < 1e-3 && rows[0].values[0].is_none(), "{:?}", rows[0]);
+    assert!((rows[0].values[3].unwrap() - 9.71922).abs() < 1e-3, "{:?}", rows[0]);
+    assert!(rows[0].values[4].is_none(), "a slot without a value: {:?}", rows[0]);
 
     bench.set("sim/network/dataout/network_data_rate", 1000.0);
     select(&mut bench, Output::DoNotSend, &[3, 16, 17]);
@@ -140,5 +141,34 @@ fn the_radar_has_one_client_and_the_layout_of_the_version() {
         bench.sent.clear();
         bench.frames(50);
         assert!(bench.sent.len() == 10 && bench.sent.iter().all(|(to, _)| *to == client(2)));
+    }
+}
+
+#[test]
+fn the_rows_and_datarefs_of_public_clients_have_values() {
+    let reference = reference_below(&flying().measurement.position);
+    let situation = Situation::new(&flying(), &reference, &Surroundings::default(), Version::V12.internal());
+    let settings = Settings::new();
+    for path in [
+        "sim/flightmodel/position/true_airspeed",
+        "sim/flightmodel/position/hpath",
+        "sim/flightmodel/forces/g_axil",
+        "sim/flightmodel/forces/g_side",
+        "sim/flightmodel/forces/g_nrml",
+        "sim/weather/barometer_current_inhg",
+    ] {
+        assert!(
+            Handle::find(path, 16, DEFAULT_ACF).is_some_and(|it| it.read(&situation, &settings).is_finite()),
+            "{path}"
+        );
+    }
+    let of = |row: i32| output::read(row, &situation, &settings, Version::V12).unwrap().values;
+    assert_eq!(
+        [4, 5, 6].map(|at| of(4)[at]),
+        [Some(1.0), Some(0.0), Some(0.0)],
+        "without acceleration the seat pushes up"
+    );
+    for (row, given) in [(3, 7), (4, 5), (17, 4), (18, 5), (19, 2), (21, 6)] {
+        assert_eq!(of(row).iter().flatten().count(), given, "row {row}");
     }
 }
