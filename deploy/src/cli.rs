@@ -232,7 +232,9 @@ mod tests {
             assert!(!message.contains("tip") && !message.contains("similar"), "{message}");
             assert!(["'land'", "'abort'", "'down'"].iter().all(|verb| !message.contains(verb)), "{message}");
             assert!(message.contains("Usage: skein "), "{message}");
+            assert!(message.contains("\nCommands: "), "all commands are listed instead: {message}");
         }
+        assert!(message("skein order landd").contains("Commands: hold, goto, land, abort, release, set\n"));
         for (slip, meant) in
             [("order hodl", "hold"), ("order gto", "goto"), ("cluster stauts", "status"), ("stduy", "study")]
         {

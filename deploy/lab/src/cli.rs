@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::builder::StyledStr;
-use clap::error::{ContextKind, ContextValue};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 use skein_common::scenario::NEVER_SUGGESTED;
 use skein_core::formation::laws::Laws;
@@ -80,11 +80,12 @@ pub fn parsed<T: Parser>() -> T {
 /// # Errors
 /// If the arguments are wrong, without suggestions that mislead: clap's advice to pass an unknown option as a value, because no
 /// command takes such values; and any command that lands or aborts the swarm, because a user who accepts a suggestion without
-/// reading it must not end the flight. A request for the help or the version is returned as an error too.
+/// reading it must not end the flight. Where no command is suggested, all of them are listed instead. A request for the help or the version is returned as an error too.
 pub fn parse_from<T: Parser>(
     arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>,
 ) -> Result<T, clap::Error> {
-    T::try_parse_from(arguments).map_err(|mut error| {
+    let arguments: Vec<OsString> = arguments.into_iter().map(Into::into).collect();
+    T::try_parse_from(&arguments).map_err(|mut error| {
         if let Some(ContextValue::StyledStrs(tips)) = error.remove(ContextKind::Suggested) {
             let helps = |tip: &StyledStr| !tip.to_string().contains("as a value, use");
             let tips: Vec<StyledStr> = tips.into_iter().filter(helps).collect();
@@ -102,8 +103,29 @@ pub fn parse_from<T: Parser>(
         if is_dangerous {
             error.remove(ContextKind::SuggestedSubcommand);
         }
+        list_commands::<T>(&mut error, &arguments);
         error
     })
+}
+
+/// Lists the commands that there are after the usage of an error about an unknown one for which none is suggested.
+fn list_commands<T: Parser>(error: &mut clap::Error, arguments: &[OsString]) {
+    let Some(ContextValue::String(unknown)) = error.get(ContextKind::InvalidSubcommand) else { return };
+    if error.kind() != ErrorKind::InvalidSubcommand || error.get(ContextKind::SuggestedSubcommand).is_some() {
+        return;
+    }
+    let mut parent = T::command();
+    for argument in arguments.iter().skip(1).take_while(|argument| **argument != **unknown) {
+        if let Some(below) = parent.find_subcommand(argument) {
+            parent = below.clone();
+        }
+    }
+    let shown = parent.get_subcommands().filter(|command| !command.is_hide_set());
+    let names = shown.map(clap::Command::get_name).collect::<Vec<_>>().join(", ");
+    if let Some(ContextValue::StyledStr(usage)) = error.get(ContextKind::Usage) {
+        let usage = format!("{}\n\nCommands: {names}", usage.ansi());
+        error.insert(ContextKind::Usage, ContextValue::StyledStr(usage.into()));
+    }
 }
 
 fn run(command: &Command) -> Result<(), Error> {
@@ -147,5 +169,13 @@ mod tests {
         let order = |verb: &str| parse_from::<Orders>(["orders", verb]).unwrap_err().to_string();
         assert!(order("hodl").contains("'hold'"), "{}", order("hodl"));
         assert!(!order("lnad").contains("'land'"), "{}", order("lnad"));
+    }
+
+    #[test]
+    fn where_no_command_is_suggested_all_of_them_are_listed() {
+        let message = |order: &str| parse_from::<Orders>(["orders", order]).unwrap_err().to_string();
+        assert!(message("lnad").contains("\n\nCommands: land, hold\n"), "{}", message("lnad"));
+        assert!(message("qqqq").contains("Commands: land, hold"), "{}", message("qqqq"));
+        assert!(!message("hodl").contains("Commands"), "{}", message("hodl"));
     }
 }
