@@ -64,9 +64,7 @@ pub struct CompareArgs {
 /// # Errors
 /// What is worse, by name; or folders that cannot be compared.
 pub fn run(args: &CompareArgs) -> Result<(), Error> {
-    if let Some(unknown) = args.only.iter().find(|key| is_worse(key).is_none()) {
-        return Err(Error::Refused(refusal(unknown)));
-    }
+    check_figures(&args.only)?;
     let (a, b) = (Folder::read(&args.a)?, Folder::read(&args.b)?);
     for folder in [&a, &b].into_iter().filter(|folder| folder.is_unfinished) {
         eprintln!("{}: this study is not finished; the runs that are there are compared", folder.path.display());
@@ -82,6 +80,17 @@ pub fn run(args: &CompareArgs) -> Result<(), Error> {
     match comparison.worse.as_slice() {
         [] => Ok(()),
         worse => Err(Error::Failed(format!("worse: {}", worse.join(", ")))),
+    }
+}
+
+/// Checks that each of these figures can be compared.
+///
+/// # Errors
+/// The first one that cannot, with the figure that was probably meant.
+pub fn check_figures(only: &[String]) -> Result<(), Error> {
+    match only.iter().find(|key| is_worse(key).is_none()) {
+        Some(unknown) => Err(Error::Refused(refusal(unknown))),
+        None => Ok(()),
     }
 }
 
@@ -164,5 +173,9 @@ mod tests {
         assert_eq!(start("colisions"), "--only colisions: no figure that can be worse; did you mean collisions?");
         assert_eq!(start("qqqqqqqqqqq"), "--only qqqqqqqqqqq: no figure that can be worse");
         assert!(start("duration_s").starts_with("--only duration_s: this figure is neither good nor bad"));
+        let keys = |keys: &[&str]| keys.iter().map(|key| (*key).to_owned()).collect::<Vec<_>>();
+        assert!(check_figures(&keys(&["collisions"])).is_ok());
+        let refused = check_figures(&keys(&["collisions", "colisions"])).unwrap_err();
+        assert!(matches!(&refused, Error::Refused(why) if why.starts_with("--only colisions")), "{refused}");
     }
 }

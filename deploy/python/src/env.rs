@@ -17,7 +17,7 @@ use skein_lab::prepare::prepare;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::study::{Batch, Study};
 
-use crate::error::{exception, refused};
+use crate::error::{exception, refused, wrong_argument};
 use actor::{Action, Actor};
 use observation::{Look, Room, features};
 
@@ -92,6 +92,11 @@ impl Worlds {
         });
         let (scenario, ready) = made.map_err(|error| exception(py, &error))?;
         let (vehicles, seed) = (scenario.swarm.vehicles, scenario.seed);
+        let others = vehicles.saturating_sub(1);
+        if let Some(wanted) = settings.neighbours.filter(|wanted| *wanted > others) {
+            let why = format!("a vehicle of a swarm of {vehicles} has {others} neighbours at most");
+            return Err(wrong_argument(py, format!("neighbours={wanted}: {why}; give fewer, or leave neighbours out")));
+        }
         let max_speed_m_s = scenario.formation.external.max_speed_m_s;
         let step_s = scenario.formation.external.period_s;
         let ticks = (step_s / TICK_S).round() as u64;
@@ -109,7 +114,7 @@ impl Worlds {
             batch: Mutex::new(Batch::new(study, settings.worlds, threads, action.replaces())),
             actors: (0..settings.worlds).map(|_| Actor::new(action, vehicles, warm_up)).collect(),
             action,
-            neighbours: settings.neighbours.unwrap_or(vehicles.saturating_sub(1).min(6)),
+            neighbours: settings.neighbours.unwrap_or(others.min(6)),
             ticks,
             vehicles,
             step_s,

@@ -31,3 +31,9 @@ pub(crate) fn exception(py: Python<'_>, error: &Error) -> PyErr {
 pub(crate) fn refused(py: Python<'_>, why: impl ToString) -> PyErr {
     exception(py, &Error::Refused(why.to_string()))
 }
+
+/// The exception `skein.ArgumentError` with this sentence.
+pub(crate) fn wrong_argument(py: Python<'_>, why: String) -> PyErr {
+    let made = || py.import("skein._errors")?.getattr("ArgumentError")?.call1((why,));
+    made().map_or_else(|error| error, PyErr::from_value)
+}

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use skein_host::clock::sleep;
 use skein_lab::compare::folder::Folder;
 use skein_lab::compare::pairs::Paired;
-use skein_lab::compare::{Comparison, divergence};
+use skein_lab::compare::{Comparison, check_figures, divergence};
 use skein_lab::error::Error;
 use skein_lab::external::LawPool;
 use skein_lab::metrics::figures::FIGURES;
@@ -19,7 +19,7 @@ use skein_lab::scenario::ScenarioArgs;
 use skein_lab::study::plan::{Host, Plan};
 use skein_lab::study::{Progress, Stop, StudyArgs, fly_planned};
 
-use crate::error::{exception, refused};
+use crate::error::{exception, refused, wrong_argument};
 use crate::law::LawsInPython;
 
 /// Time between two looks at the interpreter's signals, and so the longest time until Ctrl-C has an effect.
@@ -140,6 +140,7 @@ fn args(py: Python<'_>, wanted: &Wanted) -> PyResult<StudyArgs> {
 /// Compares two folders as `skein compare --json` does: whether they are one target flown twice, and the JSON text.
 #[pyfunction]
 pub(crate) fn compare(py: Python<'_>, a: PathBuf, b: PathBuf, only: Vec<String>) -> PyResult<(bool, String)> {
+    check_figures(&only).map_err(|error| wrong_argument(py, error.to_string()))?;
     let compared = py.detach(|| -> Result<(bool, String), Error> {
         let (a, b) = (Folder::read(&a)?, Folder::read(&b)?);
         let paired = Paired::new(&a, &b)?;

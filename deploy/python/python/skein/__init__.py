@@ -9,7 +9,7 @@
 :class:`Law`                a formation law of your own, in Python
 :func:`fly`                 flies in real time by the program ``skein``
 :class:`Env`                steps many swarms at once, for learning
-:mod:`skein.gym`            the same as a vector environment of Gymnasium
+:mod:`skein.gym`            the same as environments of Gymnasium, one swarm or many
 :mod:`skein.pettingzoo`     one swarm as a ``ParallelEnv`` of PettingZoo
 ==========================  =====================================================================
 
@@ -17,7 +17,7 @@ Units end the names of numbers (``_m``, ``_m_s``, ``_rad``). Frames are north, e
 """
 
 from ._env import Env, default_reward
-from ._errors import ScenarioError, SkeinError
+from ._errors import ArgumentError, NotFoundError, ScenarioError, SkeinError
 from ._fly import fly, program
 from ._laws import Field, Goal, Law, Observation, Own, Peer, Setup, Velocity
 from ._recording import Recording, recording
@@ -25,10 +25,12 @@ from ._skein import __version__
 from ._study import Study, compare, figures, load, study
 
 __all__ = [
+    "ArgumentError",
     "Env",
     "Field",
     "Goal",
     "Law",
+    "NotFoundError",
     "Observation",
     "Own",
     "Peer",
@@ -48,3 +50,24 @@ __all__ = [
     "recording",
     "study",
 ]
+
+
+def _register() -> None:
+    """Registers the environments of :mod:`skein.gym`, if Gymnasium is installed."""
+    try:
+        import gymnasium
+    except ImportError:
+        return
+    # The environment itself ends an episode, after duration_s: no fixed number of steps holds for every scenario.
+    kinds = {"Swarm": {}, "SwarmField": {"action": "field"}, "SwarmControls": {"action": "controls", "warm_up_s": 15.0}}
+    for name, kwargs in kinds.items():
+        if f"Skein/{name}-v0" not in gymnasium.registry:
+            gymnasium.register(
+                f"Skein/{name}-v0",
+                entry_point="skein.gym:SwarmEnv",
+                vector_entry_point="skein.gym:SwarmVectorEnv",
+                kwargs=kwargs,
+            )
+
+
+_register()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, NoReturn, Optional, Sequence, Tuple, Union
 
 import numpy as np
 import pandas as pd
 
-from . import _skein
+from . import _check, _skein
+from ._errors import ArgumentError, SkeinError
 from ._keys import Scenario, scenario_path, sets
 from ._tables import row_of_run
 
@@ -17,6 +18,18 @@ __all__ = ["Env", "default_reward"]
 
 #: Below this distance a pair has collided, m.
 COLLISION_M = 2.0
+#: The largest number of an action, as in the protocol of external laws.
+MOST_ACTION = 1e9
+#: More worlds than a PC's memory holds.
+MOST_WORLDS = 65_536
+
+#: Names of the numbers of an action, of each kind of action.
+ACTION_NAMES: Dict[Optional[str], List[str]] = {
+    "velocity": ["velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s"],
+    "field": ["field_north", "field_east"],
+    "controls": ["roll", "pitch", "yaw", "collective"],
+    None: [],
+}
 
 
 def default_reward(env: "Env") -> np.ndarray:
@@ -30,6 +43,55 @@ def default_reward(env: "Env") -> np.ndarray:
     from_centre_m = np.hypot(observed[..., env.column("north_m")], observed[..., env.column("east_m")])
     error = (np.abs(from_centre_m - radius_m) + np.abs(observed[..., env.column("down_m")])) / radius_m
     return -error - 1.0 * (env.separation_m < COLLISION_M) - 10.0 * env.crashed
+
+
+def _numbers(given: Any) -> Optional[np.ndarray]:
+    """The array, if it has real numbers."""
+    try:
+        array = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        return None
+    return array if array.dtype.kind in "fiu" else None
+
+
+def checked_action(
+    name: str, given: Any, shape: Tuple[int, ...], names: Sequence[str], out: np.ndarray, bounds: Any = None, skipped: Any = None
+) -> None:
+    """Writes actions into an array, after a check of their shape, of their numbers and of the bounds, if there are any.
+
+    The last axis has the numbers of an action, which have these names, and the one before it the vehicles. Rows of skipped
+    worlds are not checked.
+    """
+    axes = ("worlds", "vehicles", "numbers")[3 - len(shape) :]
+    wanted = f"has to be an array of shape {shape}: {', '.join(axes)} ({', '.join(names)})"
+    numbers = _numbers(given)
+    if numbers is None:
+        _check.wrong(name, given, wanted)
+    if numbers.shape != shape:
+        raise ArgumentError(f"{name} of shape {numbers.shape}: {wanted}")
+    if skipped is not None:
+        numbers = np.where(skipped[:, np.newaxis, np.newaxis], 0.0, numbers)
+    low, high = bounds if bounds is not None else (-MOST_ACTION, MOST_ACTION)
+    is_wrong = ~((numbers >= low) & (numbers <= high))
+    if is_wrong.any():
+        *place, nth = np.argwhere(is_wrong)[0]
+        vehicle = f"of vehicle {place[-1] + 1}" if len(shape) > 1 else ""
+        where = f"{name}: {names[nth]} {vehicle}{f' of world {place[0]}' if len(place) > 1 else ''}".rstrip()
+        found = numbers[(*place, nth)]
+        if not np.isfinite(found):
+            raise ArgumentError(f"{where} is {found}, not finite: check what the policy gives")
+        low, high = (float(np.broadcast_to(bound, shape)[(*place, nth)]) for bound in (low, high))
+        raise ArgumentError(f"{where} is {found:g}, but lies within {low:g} to {high:g}: clip the action with np.clip")
+    np.copyto(out, numbers)
+
+
+def refuse_copy(env: Any) -> NoReturn:
+    """Raises the error of an environment that is copied or pickled."""
+    name = type(env).__name__
+    raise ArgumentError(
+        f"{name} cannot be copied or pickled: its worlds are in flight. Make another {name} with the same arguments, and begin "
+        "the same flight in it with reset(seed=...); to a process of its own, send the function that makes it"
+    )
 
 
 class Env:
@@ -59,7 +121,8 @@ class Env:
     set : mapping, optional
         Keys of the scenario and their values. ``formation.external.period_s``, 0.1 s, is the length of a step.
     neighbours : int, optional
-        Neighbours in an observation, the nearest first; without it all others, at most 6.
+        Neighbours in an observation, the nearest first: as many as the swarm has other vehicles at most. Without it all
+        others, at most 6.
     duration_s : float, optional
         Length of an episode, s; without it that of the scenario.
     warm_up_s : float
@@ -119,15 +182,22 @@ class Env:
         reward: Optional[Callable[["Env"], np.ndarray]] = None,
         ends_on_crash: Optional[bool] = None,
     ) -> None:
+        _check.choice("action", action, ACTION_NAMES)
+        self.worlds = _check.count("worlds", worlds, most=MOST_WORLDS)
+        self._reward_of_user(reward)
+        warm_up_s = _check.number("warm_up_s", warm_up_s)
+        threads = _check.count("threads", threads, most=_check.MOST_THREADS)
+        if neighbours is not None:
+            neighbours = _check.count("neighbours", neighbours, least=0, most=2**31)
+        if ends_on_crash is not None:
+            ends_on_crash = _check.flag("ends_on_crash", ends_on_crash)
         keys: Dict[str, Any] = {}
         if action in ("velocity", "field"):
             # The actions answer: the program is never started.
             keys = {"formation.law": "external", "formation.external.command": [sys.executable]}
         if duration_s is not None:
-            keys["duration_s"] = duration_s
+            keys["duration_s"] = _check.number("duration_s", duration_s, above=0)
         self.action = action
-        self.worlds = int(worlds)
-        self.reward = reward if reward is not None else default_reward
         self.ends_on_crash = action is not None if ends_on_crash is None else ends_on_crash
         self._worlds = _skein.Worlds(
             {
@@ -136,7 +206,7 @@ class Env:
                 "worlds": self.worlds,
                 "action": action,
                 "neighbours": neighbours,
-                "warm_up_s": float(warm_up_s),
+                "warm_up_s": warm_up_s,
                 "threads": threads,
             }
         )
@@ -144,11 +214,7 @@ class Env:
         self.neighbours: int = self._worlds.neighbours
         self.step_s: float = self._worlds.step_s
         self.observation_names: List[str] = _skein.observation_names(action, self.neighbours)
-        self.action_names: List[str] = {
-            "velocity": ["velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s"],
-            "field": ["field_north", "field_east"],
-            "controls": ["roll", "pitch", "yaw", "collective"],
-        }.get(action or "", [])
+        self.action_names: List[str] = list(ACTION_NAMES[action])
         self._columns = {name: nth for nth, name in enumerate(self.observation_names)}
         shape = (self.worlds, self.vehicles)
         self.observations = np.zeros((*shape, len(self.observation_names)))
@@ -159,6 +225,7 @@ class Env:
         self.crashed = np.zeros(shape, dtype=bool)
         self._terminated = np.zeros(self.worlds, dtype=bool)
         self._truncated = np.zeros(self.worlds, dtype=bool)
+        self._has_begun = np.zeros(self.worlds, dtype=bool)
         self._truths = {
             "position_ned_m": self.position_ned_m,
             "velocity_ned_m_s": self.velocity_ned_m_s,
@@ -171,8 +238,14 @@ class Env:
         #: Seed of each world's flight.
         self.seeds = np.zeros(self.worlds, dtype=np.uint64)
 
+    def _reward_of_user(self, reward: Any) -> None:
+        wanted = "has to be a function that takes the environment and gives an array of shape (worlds, vehicles)"
+        self.reward = default_reward if reward is None else _check.function("reward", reward, wanted)
+
     def column(self, name: str) -> int:
         """The place of a feature in an observation."""
+        if not isinstance(name, str) or name not in self._columns:
+            _check.unknown(str(name), "an observation has no such feature", self._columns)
         return self._columns[name]
 
     @property
@@ -205,24 +278,28 @@ class Env:
         -------
         observations, info
         """
-        begins = np.ones(self.worlds, dtype=bool) if worlds is None else np.asarray(worlds, dtype=bool)
-        if begins.shape != (self.worlds,):
-            raise ValueError(f"worlds has the shape ({self.worlds},), not {begins.shape}")
+        begins = np.ones(self.worlds, dtype=bool) if worlds is None else self._mask(worlds)
         count = int(begins.sum())
         if seed is None:
-            seeds = list(range(self._next_seed, self._next_seed + count))
-        elif isinstance(seed, (int, np.integer)):
-            seeds = list(range(int(seed), int(seed) + count))
+            # After the largest seed the first one.
+            first = self._next_seed if self._next_seed + count <= _check.MOST_SEED + 1 else 0
+            seeds = list(range(first, first + count))
+        elif _check.is_whole(seed) or isinstance(seed, (str, bytes)) or not hasattr(seed, "__len__"):
+            first = _check.seed(seed)
+            if count:
+                _check.seed(first + count - 1)
+            seeds = list(range(first, first + count))
         else:
-            seeds = [int(each) for each in seed]
-            if len(seeds) != count:
-                raise ValueError(f"{count} worlds begin, not {len(seeds)}")
+            if len(seed) != count:
+                _check.wrong("seed", seed, f"{count} worlds begin, not {len(seed)}: give a seed for each, or one number for all")
+            seeds = [_check.seed(each) for each in seed]
         if seeds:
             self._next_seed = seeds[-1] + 1
         self.seeds[begins] = seeds
         of_each = iter(seeds)
         wanted = [next(of_each) if begin else None for begin in begins]
         self.actions[begins] = 0.0
+        self._has_begun |= begins
         self._worlds.reset(wanted, self.observations, self._truths)
         return self.observations, self._info()
 
@@ -247,22 +324,52 @@ class Env:
         info : dict
             The arrays ``position_ned_m``, ``velocity_ned_m_s``, ``separation_m`` and ``crashed``.
         """
-        if actions is not None and self.action is not None:
-            np.copyto(self.actions, actions)
+        if not self._has_begun.all():
+            waiting = self.worlds - int(self._has_begun.sum())
+            raise SkeinError(f"step before reset: {waiting} of {self.worlds} worlds have not begun; call reset() first")
+        if self.action is None:
+            if actions is not None:
+                _check.wrong("actions", actions, "the scenario's own law flies this environment: call step() without actions")
+        else:
+            checked_action("actions", actions, self.actions.shape, self.action_names, self.actions)
         self._worlds.step(self.actions if self.action_names else None, self.observations, self._truths)
         terminated = self._terminated.copy()
         if self.ends_on_crash:
             terminated |= self.crashed.any(axis=1)
-        rewards = np.asarray(self.reward(self), dtype=np.float64)
+        rewards = self._rewards()
         return self.observations, rewards, terminated, self._truncated & ~terminated, self._info()
+
+    def _rewards(self) -> np.ndarray:
+        rewards = _numbers(self.reward(self))
+        shape = (self.worlds, self.vehicles)
+        if rewards is None or rewards.shape != shape:
+            given = "no numbers" if rewards is None else f"an array of shape {rewards.shape}"
+            raise ArgumentError(
+                f"reward: the function gave {given}, but has to give one of shape {shape}: a number for each vehicle of each world"
+            )
+        return rewards.astype(np.float64)
+
+    def _mask(self, worlds: Any) -> np.ndarray:
+        wanted = f"has to be True or False for each of the {self.worlds} worlds, such as env.crashed.any(axis=1)"
+        try:
+            mask = np.asarray(worlds)
+        except ValueError:
+            _check.wrong("worlds", worlds, wanted)
+        if mask.dtype != bool or mask.shape != (self.worlds,):
+            _check.wrong("worlds", worlds, wanted)
+        return mask
 
     def _info(self) -> Dict[str, Any]:
         return {name: self._truths[name] for name in ("position_ned_m", "velocity_ned_m_s", "separation_m", "crashed")}
 
     def figures(self) -> pd.DataFrame:
         """Ends all flights and gives what they measured: one row a world, as :attr:`skein.Study.runs` has one a run."""
+        self._has_begun[:] = False
         texts = [self._worlds.report(nth) for nth in range(self.worlds)]
         return pd.DataFrame([row_of_run(json.loads(text)) for text in texts if text is not None])
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        refuse_copy(self)
 
     def __repr__(self) -> str:
         return f"<skein.Env of {self.worlds} worlds with {self.vehicles} vehicles, action: {self.action}>"

@@ -44,3 +44,17 @@ class ScenarioError(SkeinError):
         self.key = key
         self.message = message
         self.help = help
+
+
+class ArgumentError(SkeinError, ValueError, TypeError):
+    """An argument of a function is wrong. The text names the argument, its value, and what to write instead.
+
+    It is a ``ValueError`` and a ``TypeError`` too, so that code that expects Python's own classes catches it.
+    """
+
+
+class NotFoundError(ArgumentError, KeyError, IndexError):
+    """An argument names what does not exist: a key that is not swept, an unknown feature, a point beyond the last."""
+
+    # A KeyError would show its text in quotes.
+    __str__ = Exception.__str__

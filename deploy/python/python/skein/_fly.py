@@ -7,9 +7,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from pathlib import Path
-from typing import Any, Mapping, Optional, Type, Union
+from typing import IO, Any, List, Mapping, Optional, Type, Union
 
+from . import _check
 from ._errors import SkeinError
 from ._keys import Scenario, scenario_path, sets
 from ._laws import Law, law_sets, law_spec
@@ -67,8 +69,11 @@ def fly(
     Raises
     ------
     SkeinError
-        If the flight cannot begin, or failed.
+        If the flight cannot begin, or failed: with the sentence that the command writes to stderr.
     """
+    keys = law_sets(law, parameters) + sets(set)
+    quiet = _check.flag("quiet", quiet)
+    path = scenario_path(scenario)
     if law is not None and law_spec(law).startswith("__main__:"):
         raise SkeinError(f"{law.__name__} was written in a notebook or at a prompt: put the class into a file of its own")
     temporary = None
@@ -76,15 +81,53 @@ def fly(
         temporary = tempfile.TemporaryDirectory(prefix="skein-flight-")
         out = temporary.name
     command = [program(), "fly"]
-    path = scenario_path(scenario)
     command += [path] if path is not None else []
-    for key in law_sets(law, parameters) + sets(set):
+    for key in keys:
         command += ["--set", key]
-    command += [] if seed is None else ["--seed", str(seed)]
-    command += [] if duration_s is None else ["--duration", str(duration_s)]
-    command += ["--out", os.fspath(out)]
-    flown = subprocess.run(command, stdout=subprocess.DEVNULL if quiet else None, stderr=subprocess.PIPE if quiet else None)
-    if flown.returncode != 0:
-        lines = (flown.stderr or b"").decode("utf-8", "replace").strip().splitlines()
-        raise SkeinError(lines[-1] if lines else f"skein fly ended with exit status {flown.returncode}")
+    command += [] if seed is None else ["--seed", str(_check.seed(seed))]
+    command += [] if duration_s is None else ["--duration", repr(_check.number("duration_s", duration_s, above=0))]
+    command += ["--out", _check.path("out", out)]
+    status, written = _run(command, quiet)
+    if status != 0:
+        raise SkeinError(_sentence(written) or f"skein fly ended with exit status {status}")
     return Study(out, _temporary=temporary)
+
+
+def _run(command: List[str], quiet: bool) -> Any:
+    """Runs the program, shows what it writes unless it is to be quiet, and gives its exit status and what it wrote to stderr."""
+    written: List[str] = []
+
+    def read(stderr: IO[str]) -> None:
+        for line in stderr:
+            written.append(line.rstrip("\n"))
+            if not quiet:
+                # The stderr of Python: a notebook shows it, unlike that of the process.
+                print(line, end="", file=sys.stderr, flush=True)
+
+    try:
+        process = subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL if quiet else None,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            errors="replace",
+        )
+    except OSError as error:
+        raise SkeinError(f"{command[0]}: {error.strerror}; SKEIN_PROGRAM names the program skein") from None
+    with process:
+        reader = threading.Thread(target=read, args=(process.stderr,), daemon=True)
+        reader.start()
+        try:
+            status = process.wait()
+        except BaseException:
+            process.kill()
+            raise
+        reader.join()
+    return status, written
+
+
+def _sentence(written: List[str]) -> str:
+    """The error at the end of what the command wrote: its last line, or from the line on with which an error of an option begins."""
+    lines = [line.strip() for line in written if line.strip() and not line.startswith("For more information")]
+    begins = [nth for nth, line in enumerate(lines) if line.startswith("error: ")]
+    return "\n".join(lines[begins[-1] :]) if begins else "".join(lines[-1:])

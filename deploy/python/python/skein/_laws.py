@@ -11,6 +11,8 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Type, Un
 
 import numpy as np
 
+from . import _check
+from ._errors import ArgumentError
 from ._keys import sets
 
 __all__ = ["Field", "Goal", "Law", "Observation", "Own", "Peer", "Setup", "Velocity"]
@@ -125,11 +127,17 @@ class Observation:
     dt_s: float = 0.0
 
     def __post_init__(self) -> None:
+        for name, part, kind in (("own", self.own, Own), ("goal", self.goal, Goal), *(("peers", one, Peer) for one in self.peers)):
+            if not isinstance(part, kind):
+                _check.wrong(name, part, f"a skein.{kind.__name__} is wanted")
         for part, names in ((self.own, _POINTS), (self.goal, _CENTRE), *((peer, _POINTS) for peer in self.peers)):
             for name in names:
                 value = getattr(part, name)
                 if not isinstance(value, np.ndarray):
-                    setattr(part, name, np.asarray(value, dtype=np.float64))
+                    value = _vector(name, value)
+                    setattr(part, name, value)
+                if value.shape != (3,):
+                    raise ArgumentError(f"{name} of shape {value.shape}: three numbers are wanted, north, east, down")
 
     @classmethod
     def _of(cls, parts: Sequence[Any]) -> "Observation":
@@ -160,6 +168,7 @@ class Observation:
         array of shape (features,)
             :attr:`skein.Env.observation_names` names the features.
         """
+        neighbours = _check.count("neighbours", neighbours, least=0)
         own, goal = self.own, self.goal
         features = np.zeros(8 + 7 * neighbours)
         features[0:3] = own.position_ned_m - goal.centre_ned_m
@@ -180,15 +189,19 @@ class Observation:
     @classmethod
     def from_json(cls, ask: Mapping[str, Any]) -> "Observation":
         """From an ``ask`` of the protocol of external laws, for example one that was written to a log."""
-        return cls(
-            own=Own(**ask["own"]),
-            goal=Goal(**ask["goal"]),
-            peers=[Peer(**peer) for peer in ask["peers"]],
-            vehicle=ask["vehicle"],
-            tick=ask["tick"],
-            time_s=ask["time_s"],
-            dt_s=ask["dt_s"],
-        )
+        try:
+            return cls(
+                own=Own(**ask["own"]),
+                goal=Goal(**ask["goal"]),
+                peers=[Peer(**peer) for peer in ask["peers"]],
+                vehicle=ask["vehicle"],
+                tick=ask["tick"],
+                time_s=ask["time_s"],
+                dt_s=ask["dt_s"],
+            )
+        except (KeyError, TypeError) as error:
+            wanted = f"not an `ask` of the protocol of external laws ({type(error).__name__}: {error})"
+            raise ArgumentError(f"ask: {wanted}; it is a mapping as Observation.to_json gives it") from None
 
     def to_json(self) -> Dict[str, Any]:
         """As an ``ask`` of the protocol of external laws, in lists and numbers."""
@@ -237,7 +250,7 @@ class Velocity(_Answer):
         log: Optional[Mapping[str, float]] = None,
     ) -> None:
         super().__init__(heading_rad, reached, log)
-        self.numbers = _numbers((north, east, down))
+        self.numbers = _numbers("a velocity", (north, east, down))
 
 
 class Field(_Answer):
@@ -255,15 +268,25 @@ class Field(_Answer):
         log: Optional[Mapping[str, float]] = None,
     ) -> None:
         super().__init__(heading_rad, reached, log)
-        self.numbers = _numbers((north, east))
+        self.numbers = _numbers("a field", (north, east))
 
 
-def _numbers(given: Tuple[Any, ...]) -> List[float]:
-    numbers = given if given[1] is not None else given[0]
-    numbers = [float(number) for number in numbers]
-    if len(numbers) != len(given):
-        raise ValueError(f"{len(given)} numbers are wanted, not {len(numbers)}")
+def _numbers(what: str, given: Tuple[Any, ...]) -> List[float]:
+    parts = given if given[1] is not None else given[0]
+    try:
+        numbers = [float(number) for number in parts]
+    except (TypeError, ValueError):
+        _check.wrong(what, parts, f"{len(given)} numbers are wanted, one by one or as an array")
+    if isinstance(parts, str) or len(numbers) != len(given):
+        _check.wrong(what, parts, f"{len(given)} numbers are wanted, not {len(numbers)}")
     return numbers
+
+
+def _vector(name: str, value: Any) -> np.ndarray:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        _check.wrong(name, value, "three numbers are wanted, north, east, down")
 
 
 class Law:
@@ -290,6 +313,8 @@ class Law:
     """
 
     def __init__(self, setup: Optional[Setup] = None) -> None:
+        if setup is not None and not isinstance(setup, Setup):
+            _check.wrong("setup", setup, 'a skein.Setup is wanted, such as skein.Setup(parameters={"gain": 0.5})')
         self.setup = setup if setup is not None else Setup()
 
     def answer(self, observation: Observation) -> Union[Velocity, Field]:
@@ -302,7 +327,7 @@ class _Maker:
 
     def __init__(self, law: Type[Law]) -> None:
         if not (isinstance(law, type) and issubclass(law, Law)):
-            raise TypeError(f"law is a subclass of skein.Law, not {law!r}")
+            _check.wrong("law", law, "a law is a subclass of skein.Law: the class, not an object of it")
         self.law = law
 
     def __call__(self, hello: str) -> Law:
@@ -318,9 +343,13 @@ def _ask(law: Law, parts: Sequence[Any]) -> Tuple[Any, ...]:
 
 
 def _plain(answer: _Answer) -> Tuple[Any, ...]:
-    heading = None if answer.heading_rad is None else float(answer.heading_rad)
-    reached = None if answer.reached is None else bool(answer.reached)
-    log = None if answer.log is None else {str(name): float(value) for name, value in answer.log.items()}
+    try:
+        heading = None if answer.heading_rad is None else float(answer.heading_rad)
+        reached = None if answer.reached is None else bool(answer.reached)
+        log = None if answer.log is None else {str(name): float(value) for name, value in answer.log.items()}
+    except (AttributeError, TypeError, ValueError) as error:
+        wanted = "heading_rad is a number, reached True or False, and log a mapping of names to numbers"
+        raise ArgumentError(f"the law's answer: {wanted}, each or None ({error})") from None
     return answer.numbers, heading, reached, log
 
 
@@ -352,5 +381,5 @@ def law_sets(law: Optional[Type[Law]], parameters: Optional[Mapping[str, Any]]) 
         keys["formation.law"] = "external"
         keys["formation.external.command"] = law_command(law)
     if parameters is not None:
-        keys["formation.external.parameters"] = parameters
-    return sets(keys)
+        keys["formation.external.parameters"] = _check.mapping("parameters", parameters, '{"gain": 0.5}')
+    return sets(keys, "parameters")

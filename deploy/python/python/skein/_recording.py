@@ -10,7 +10,7 @@ from typing import Any, Dict, Union
 
 import pandas as pd
 
-from . import _skein
+from . import _check, _skein
 from ._study import Study
 from ._tables import read_csv
 
@@ -40,7 +40,7 @@ class Recording:
     """
 
     def __init__(self, file: Union[str, "os.PathLike[str]"]) -> None:
-        self.file = Path(file)
+        self.file = Path(_check.path("file", file, "recording"))
         with tempfile.TemporaryDirectory(prefix="skein-recording-") as folder:
             self.scenario: Dict[str, Any] = json.loads(_skein.recording_tables(os.fspath(file), folder))
             tables = {
@@ -62,6 +62,8 @@ class Recording:
 
 def recording(source: Union[Study, str, "os.PathLike[str]"]) -> Recording:
     """Reads a recording: an MCAP file, or the first one of a study or of a folder."""
+    if not isinstance(source, (Study, str, os.PathLike)) or not isinstance(source, Study) and not os.fspath(source):
+        _check.wrong("source", source, "has to be a study, or the path of a recording or of a folder with one")
     if not isinstance(source, Study) and Path(source).is_file():
         return Recording(source)
     return Recording((source if isinstance(source, Study) else Study(source)).recording())

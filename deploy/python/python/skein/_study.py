@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+import itertools
 import json
+import operator
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -12,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Callable, Iterable, Mapping, Optional, Tu
 
 import pandas as pd
 
-from . import _skein
-from ._errors import SkeinError
+from . import _check, _skein
+from ._errors import ArgumentError, NotFoundError, SkeinError
 from ._keys import Scenario, scenario_path, sets, sweeps
 from ._laws import Law, law_sets
 from ._tables import read_csv, row_of_run
@@ -43,7 +47,7 @@ class Study:
     """
 
     def __init__(self, folder: Union[str, "os.PathLike[str]"], *, _temporary: Any = None) -> None:
-        self.folder = Path(folder)
+        self.folder = Path(_check.path("folder", folder))
         self._temporary = _temporary  # deletes the folder with this object
         if not self.folder.is_dir():
             raise SkeinError(f"{self.folder}: no such folder")
@@ -115,15 +119,19 @@ class Study:
         runs = self.runs
         if nth is not None:
             points = self._number_of_points()
-            if not 1 <= nth <= points:
-                raise IndexError(f"point {nth}: the study has points 1 to {points}")
+            if _check.count("nth", nth, least=-(2**63)) not in range(1, points + 1):
+                raise NotFoundError(f"point {nth}: the study has points 1 to {points}")
             each = len(runs) // points
             runs = runs.iloc[(nth - 1) * each : nth * each]
         for name, value in keys.items():
             key = name.replace("__", ".")
             if key not in self.swept:
-                raise KeyError(f"{key} is not swept; swept: {', '.join(self.swept) or 'nothing'}")
-            runs = runs[runs[key] == value]
+                raise NotFoundError(f"{key} is not swept; swept: {', '.join(self.swept) or 'nothing'}")
+            is_there = (runs[key] == value) if pd.api.types.is_scalar(value) else pd.Series(False, index=runs.index)
+            if not is_there.any():
+                flown = ", ".join(repr(one) for one in self.runs[key].drop_duplicates().tolist())
+                raise NotFoundError(f"{name}={value!r}: no run has this value of {key}; the values are {flown}")
+            runs = runs[is_there]
         return runs
 
     def _number_of_points(self) -> int:
@@ -132,8 +140,10 @@ class Study:
 
     def to_polars(self) -> "polars.DataFrame":
         """:attr:`runs` as a frame of polars, with ``null`` in place of ``NaN``."""
-        import polars
-
+        try:
+            import polars
+        except ImportError:
+            raise SkeinError("to_polars needs polars: pip install skein-swarm[polars]") from None
         return polars.from_pandas(self.runs, nan_to_null=True)
 
     def to_parquet(self, path: Union[str, "os.PathLike[str]", None] = None) -> Path:
@@ -149,16 +159,18 @@ class Study:
         SkeinError
             If no package that writes Parquet is installed.
         """
-        path = self.folder / "runs.parquet" if path is None else Path(path)
+        path = self.folder / "runs.parquet" if path is None else Path(_check.path("path", path, "file"))
         try:
             self.runs.to_parquet(path, index=False)
         except ImportError:
-            raise SkeinError("Parquet needs pyarrow: pip install pyarrow, or skein-swarm[parquet]") from None
+            raise SkeinError(_NO_PARQUET) from None
         return path
 
     def save(self, folder: Union[str, "os.PathLike[str]"]) -> "Study":
         """Copies the whole folder to a new one, which ``skein compare`` and ``skein report`` read, and returns it."""
-        folder = Path(folder)
+        folder = Path(_check.path("folder", folder))
+        if folder.exists() and not folder.is_dir():
+            raise SkeinError(f"{folder}: this is a file; choose a folder")
         if folder.exists() and any(folder.iterdir()):
             raise SkeinError(f"{folder}: the folder already contains files; choose another folder")
         shutil.copytree(self.folder, folder, dirs_exist_ok=True)
@@ -166,6 +178,9 @@ class Study:
 
     def recording(self, seed: Optional[int] = None, point: int = 1) -> Path:
         """The path of the recording of a run: that of this seed, or the only one."""
+        if seed is not None:
+            seed = _check.seed(seed)
+        point = _check.count("point", point)
         found = sorted(self.folder.rglob("run.mcap"), key=_natural)
         if self.swept:
             found = [path for path in found if f"point-{point}" in path.parts]
@@ -177,20 +192,44 @@ class Study:
 
 
 def _natural(path: Path) -> Tuple[Any, ...]:
-    import re
-
     return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", str(path)))
 
 
+#: More seeds than any study flies.
+_MOST_SEEDS = 10_000_000
+
+
 def _seed_range(seeds: Union[int, range, Iterable[int], None]) -> Optional[Tuple[int, int]]:
+    """The first seed, and the one after the last."""
+    wanted = "has to be a number of seeds, such as seeds=20, or a range of them without gaps, such as seeds=range(0, 20)"
+    given = seeds
     if seeds is None:
         return None
-    if isinstance(seeds, int):
-        seeds = range(seeds)
-    seeds = list(seeds)
-    if not seeds or seeds != list(range(seeds[0], seeds[0] + len(seeds))) or seeds[0] < 0:
-        raise ValueError("seeds are a number of them or a range without gaps, such as range(100)")
-    return seeds[0], seeds[-1] + 1
+    if isinstance(seeds, str):
+        written = re.fullmatch(r"\s*(\d+)\.\.(\d+)\s*", seeds)
+        _check.wrong("seeds", given, f"write seeds=range({written[1]}, {written[2]})" if written else wanted)
+    if _check.is_whole(seeds):
+        seeds = range(operator.index(seeds))  # type: ignore[arg-type]
+    if not isinstance(seeds, range):
+        try:
+            listed = list(itertools.islice(seeds, _MOST_SEEDS + 1))  # type: ignore[arg-type]
+        except TypeError:
+            _check.wrong("seeds", given, wanted)
+        if not listed or not all(_check.is_whole(seed) for seed in listed):
+            _check.wrong("seeds", given, wanted)
+        first = operator.index(listed[0])
+        if [operator.index(seed) for seed in listed] != list(range(first, first + len(listed))):
+            _check.wrong("seeds", given, wanted)
+        seeds = range(first, first + len(listed))
+    # A range of Python may be longer than its `len` can express.
+    if seeds.start >= seeds.stop or seeds.step != 1 and seeds[:2] != seeds[:1]:
+        _check.wrong("seeds", given, wanted)
+    first, last = seeds[0], seeds[-1]
+    if first < 0 or last > _check.MOST_SEED:
+        _check.wrong("seeds", given, f"seeds are whole numbers from 0 to {_check.MOST_SEED}")
+    if last - first >= _MOST_SEEDS:
+        _check.wrong("seeds", given, f"{last - first + 1} runs are more than {_MOST_SEEDS}: fly fewer seeds")
+    return first, last + 1
 
 
 def study(
@@ -260,27 +299,42 @@ def study(
     >>> flown.runs[["seed", "collisions"]].sum().astype(int).to_dict()
     {'seed': 6, 'collisions': 0}
     """
-    temporary = None
-    if out is None:
-        temporary = tempfile.TemporaryDirectory(prefix="skein-study-")
-        out = temporary.name
     wanted = {
         "scenario": scenario_path(scenario),
         "sets": law_sets(law, parameters) + sets(set),
         "seeds": _seed_range(seeds),
         "sweeps": sweeps(sweep),
-        "points": points,
-        "jobs": jobs,
-        "threads": threads,
-        "out": os.fspath(out),
-        "is_recorded": temporary is None if record is None else record,
+        "points": None if points is None else _check.count("points", points, most=_MOST_SEEDS),
+        "jobs": None if jobs is None else _check.count("jobs", jobs, most=_check.MOST_THREADS),
+        "threads": _check.count("threads", threads, most=_check.MOST_THREADS),
+        "is_recorded": out is not None if record is None else _check.flag("record", record),
     }
+    if _check.flag("parquet", parquet):
+        _check_parquet()
+    if not callable(progress):
+        wanted_progress = "has to be True, False, or a function of the number of runs that are done and of all"
+        if not isinstance(progress, bool):
+            _check.wrong("progress", progress, wanted_progress)
     called = _to_stderr if progress is True else progress or None
+    temporary = None
+    if out is None:
+        temporary = tempfile.TemporaryDirectory(prefix="skein-study-")
+        out = temporary.name
+    wanted["out"] = _check.path("out", out)
     _skein.fly_study(wanted, _skein.__file__, law, called)
     flown = Study(out, _temporary=temporary)
     if parquet:
         flown.to_parquet()
     return flown
+
+
+_NO_PARQUET = "Parquet needs pyarrow: pip install pyarrow, or skein-swarm[parquet]"
+
+
+def _check_parquet() -> None:
+    """Refuses a study whose table could not be written after it has flown."""
+    if not any(importlib.util.find_spec(name) for name in ("pyarrow", "fastparquet")):
+        raise SkeinError(_NO_PARQUET)
 
 
 def _to_stderr(done: int, runs: int) -> None:
@@ -290,7 +344,18 @@ def _to_stderr(done: int, runs: int) -> None:
 
 def load(folder: Union[str, "os.PathLike[str]"]) -> Study:
     """Reads what ``skein study``, ``skein fly`` or :func:`skein.study` wrote: one run, or a folder of many."""
+    if isinstance(folder, Study):
+        raise ArgumentError(f"folder={folder!r}: this is a study already; load takes the path of a folder")
     return Study(folder)
+
+
+def _folder_of(name: str, side: Any) -> str:
+    """The folder of a study, or this folder."""
+    if isinstance(side, Study):
+        return os.fspath(side.folder)
+    if not isinstance(side, (str, os.PathLike)) or not os.fspath(side):
+        _check.wrong(name, side, f"has to be a study of skein.study, or the path of a folder with runs, such as {name}='results'")
+    return os.fspath(side)
 
 
 def compare(
@@ -305,7 +370,7 @@ def compare(
     a, b : Study or path
         What is compared with, and what is judged.
     only : iterable of str
-        Compare only these figures.
+        Compare only these figures; the keys are in :func:`skein.figures`.
 
     Returns
     -------
@@ -317,8 +382,17 @@ def compare(
         the command that flies ``b``'s worst run again. Of flights in virtual time against flights in real time:
         ``a``, ``b``, ``difference`` and ``relative``, without a verdict.
     """
-    folders = [os.fspath(side.folder) if isinstance(side, Study) else os.fspath(side) for side in (a, b)]
-    is_judged, text = _skein.compare(folders[0], folders[1], list(only))
+    folders = [_folder_of(name, side) for name, side in (("a", a), ("b", b))]
+    if isinstance(only, str):
+        _check.wrong("only", only, f"has to be a list of figures: only=[{only!r}]")
+    try:
+        only = list(only)
+    except TypeError:
+        _check.wrong("only", only, 'has to be a list of figures, such as only=["collisions"]')
+    for figure in only:
+        if not isinstance(figure, str):
+            _check.wrong("only", only, f'{figure!r} is not the key of a figure, such as "collisions"')
+    is_judged, text = _skein.compare(folders[0], folders[1], only)
     compared = json.loads(text)
     if not is_judged:
         rows = [
@@ -338,6 +412,8 @@ def compare(
             row["never_a"], row["never_b"] = figure["never"]
             row["worst_seed"], row["replay"] = figure["worst_seed"], figure["replay"]
             rows.append(row)
+    if not rows:
+        raise SkeinError(f"no pair of runs has a value of {', '.join(only) or 'any figure'}: choose other figures")
     frame = pd.DataFrame(rows)
     frame["worst_seed"] = frame["worst_seed"].astype("Int64")
     if len(compared["points"]) == 1 and not compared["points"][0]["set"]:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Optional
 import numpy as np
 import pandas as pd
 
+from . import _check
+from ._errors import ArgumentError, NotFoundError, SkeinError
 from ._recording import Recording
 from ._study import Study, figures
 
@@ -17,29 +19,53 @@ __all__ = ["tracks", "distances", "sweep"]
 
 
 def _axes(ax: Optional["Axes"]) -> "Axes":
+    try:
+        import matplotlib.pyplot as plt
+        from matplotlib.axes import Axes
+    except ImportError:
+        raise SkeinError("skein.plot needs matplotlib: pip install skein-swarm[plot]") from None
     if ax is not None:
+        if not isinstance(ax, Axes):
+            _check.wrong("ax", ax, "one axes of matplotlib is wanted; of several panels choose one, such as axes[0]")
         return ax
-    import matplotlib.pyplot as plt
-
     return plt.subplots(layout="constrained")[1]
 
 
+def _check_recording(recording: Any) -> None:
+    if not isinstance(recording, Recording):
+        _check.wrong("recording", recording, "a recording is wanted: skein.recording(...) reads one")
+
+
 def tracks(recording: Recording, ax: Optional["Axes"] = None) -> "Axes":
-    """The true paths of all vehicles seen from above, in m: a circle where each ends, and the formation's last centre."""
+    """The true paths of all vehicles seen from above, in m: a circle and the vehicle's id where each ends, and the
+    formation's last centre."""
+    _check_recording(recording)
     ax = _axes(ax)
     for vehicle, steps in recording.steps.groupby("vehicle"):
         (line,) = ax.plot(steps["east_m"], steps["north_m"], linewidth=0.9, label=f"vehicle {vehicle}")
-        ax.plot(steps["east_m"].iloc[-1], steps["north_m"].iloc[-1], "o", color=line.get_color(), markersize=5)
+        end = (steps["east_m"].iloc[-1], steps["north_m"].iloc[-1])
+        ax.plot(*end, "o", color=line.get_color(), markersize=5)
+        # Its id at its end: a legend of all vehicles would cover a small panel, or lie on the neighbouring one.
+        ax.annotate(
+            str(vehicle),
+            end,
+            xytext=(4, 4),
+            textcoords="offset points",
+            color=line.get_color(),
+            fontsize="small",
+            clip_on=True,
+        )
     last = recording.steps.iloc[-1]
-    ax.plot(last["centre_east_m"], last["centre_north_m"], "+", color="0.3", markersize=9, label="centre")
+    centre = ax.plot(last["centre_east_m"], last["centre_north_m"], "+", color="0.3", markersize=9, label="centre")
+    ax.margins(0.08)
     ax.set(xlabel="east, m", ylabel="north, m", aspect="equal")
-    if recording.steps["vehicle"].nunique() <= 10:
-        ax.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    ax.legend(handles=centre, fontsize="small", loc="lower left", frameon=False, handletextpad=0.2, borderpad=0.2)
     return ax
 
 
 def distances(recording: Recording, ax: Optional["Axes"] = None) -> "Axes":
     """The least distance of any pair of vehicles, and the distances of all from the centre, in m over time."""
+    _check_recording(recording)
     ax = _axes(ax)
     steps = recording.steps
     wide = {name: steps.pivot_table(index="t_s", columns="vehicle", values=name) for name in ("north_m", "east_m", "down_m")}
@@ -73,12 +99,16 @@ def sweep(study: Study, x: str, y: str, ax: Optional["Axes"] = None, **keys: Any
     **keys
         Values of other swept keys, as :meth:`Study.point` takes them, to draw one cut of a grid.
     """
-    ax = _axes(ax)
-    if x not in study.swept:
-        raise KeyError(f"{x} is not swept; swept: {', '.join(study.swept) or 'nothing'}")
+    if not isinstance(study, Study):
+        _check.wrong("study", study, "a study is wanted: skein.study(...) flies one, skein.load(...) reads one")
+    if not isinstance(x, str) or x not in study.swept:
+        raise NotFoundError(f"{x} is not swept; swept: {', '.join(study.swept) or 'nothing'}")
+    if not isinstance(y, str) or y not in study.runs:
+        _check.unknown(str(y), "no figure of this study", study.runs.columns)
+    if not pd.api.types.is_numeric_dtype(study.runs[y]):
+        raise ArgumentError(f"y={y!r}: this column has texts; choose a figure with numbers")
     runs = study.point(**keys)
-    if y not in runs:
-        raise KeyError(f"{y} is no figure of this study")
+    ax = _axes(ax)
     is_number = pd.api.types.is_numeric_dtype(runs[x])
     places = runs[x] if is_number else runs[x].astype("category").cat.codes
     by = runs[y].groupby(places)
