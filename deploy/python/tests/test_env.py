@@ -1,6 +1,4 @@
-"""Environments: the bits of a study, arrays without copies, and the API tests of Gymnasium and PettingZoo."""
-
-import warnings
+"""Environments: the bits of a study, arrays without copies, rewards, seeds."""
 
 import numpy as np
 import pytest
@@ -110,38 +108,3 @@ def test_wrong_settings_and_actions_are_refused():
     env.reset(seed=0)
     with pytest.raises(skein.SkeinError, match="not finite"):
         env.step(np.full(env.actions.shape, np.nan))
-
-
-def test_gymnasium_accepts_the_environments():
-    from gymnasium.utils.env_checker import check_env
-    from gymnasium.vector import AutoresetMode
-
-    from skein.gym import SwarmEnv, SwarmVectorEnv
-
-    with warnings.catch_warnings():
-        # That a Box without bounds may not be what one wants is only a hint.
-        warnings.filterwarnings("ignore", message=".*(infinity|Inf|inf|spec).*")
-        check_env(SwarmEnv("hover", duration_s=5), skip_render_check=True)
-    vector = SwarmVectorEnv("hover", num_envs=3, duration_s=1)
-    observations, info = vector.reset(seed=4)
-    assert observations in vector.observation_space and vector.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
-    vector.action_space.seed(1)
-    ended = 0
-    for _ in range(25):
-        observations, rewards, terminated, truncated, info = vector.step(vector.action_space.sample())
-        assert observations in vector.observation_space
-        assert rewards.shape == terminated.shape == truncated.shape == (3,)
-        ended += int(truncated.sum())
-    assert ended == 6, "each world has ended twice"
-    mask = np.array([True, False, False])
-    vector.reset(seed=4, options={"reset_mask": mask})
-    assert vector.env.seeds[0] == 4
-    vector.close()
-
-
-def test_pettingzoo_accepts_the_environment():
-    from pettingzoo.test import parallel_api_test
-
-    from skein.pettingzoo import SwarmParallelEnv
-
-    parallel_api_test(SwarmParallelEnv("hover", duration_s=2), num_cycles=60)
