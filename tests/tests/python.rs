@@ -75,14 +75,16 @@ fn the_wheel_installs_into_a_fresh_environment_and_passes_its_tests() {
     let [theirs, ours] = [&python, &fresh_python].map(|python| run(Command::new(python).args(["-c", packages])));
     fs::write(Path::new(ours.trim()).join("packages.pth"), theirs).unwrap();
 
-    let tests: [OsString; 8] = [
+    let tests: [OsString; 10] = [
         "-m".into(),
         "pytest".into(),
         "--quiet".into(),
         "--doctest-glob=python.md".into(),
+        "--doctest-glob=learning.md".into(),
         "--doctest-glob=for-researchers.md".into(),
         here.join("../deploy/python/tests").into(),
         here.join("../deploy/book/src/python.md").into(),
+        here.join("../deploy/book/src/learning.md").into(),
         here.join("../deploy/book/src/for-researchers.md").into(),
     ];
     let mut pytest = Command::new(&fresh_python);
