@@ -1,6 +1,7 @@
 """Laws: tested by hand, the same in this process and in another one."""
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -92,6 +93,31 @@ def test_a_law_flies_in_real_time(tmp_path):
     flown = skein.fly("hover", law=Gather, set=set, duration_s=8, out=tmp_path / "out", quiet=True)
     assert flown.runs["collisions"].tolist() == [0]
     assert skein.recording(flown).laws["name"].eq("away_m").all()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_lands_the_swarm_and_returns_the_flight(tmp_path):
+    code = f"""
+import skein
+keys = {{"swarm.vehicles": 2, "swarm.name": "ctrl-c-{os.getpid()}"}}
+flown = skein.fly("hover", set=keys, out={str(tmp_path / "out")!r})
+print("returned", len(flown), flown.recording().is_file())
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        # What runs the tests may ignore Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    for line in process.stdout:
+        if "all vehicles active" in line:
+            break
+    os.killpg(process.pid, signal.SIGINT)
+    written = process.communicate(timeout=120)[0]
+    assert "ordered to land" in written and "returned 1 True" in written and process.returncode == 0, written
 
 
 def test_a_law_of_a_prompt_is_refused_by_fly():

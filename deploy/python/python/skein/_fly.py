@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -47,6 +48,8 @@ def fly(
     quiet: bool = False,
 ) -> Study:
     """Flies a scenario in real time on this PC, as the command ``skein fly`` does, and waits for its end.
+
+    Ctrl-C lands the swarm and returns the flight; the program ends in a moment if it is pressed again. A third one kills it.
 
     Parameters
     ----------
@@ -118,12 +121,25 @@ def _run(command: List[str], quiet: bool) -> Any:
         reader = threading.Thread(target=read, args=(process.stderr,), daemon=True)
         reader.start()
         try:
-            status = process.wait()
+            status = _wait(process)
         except BaseException:
             process.kill()
             raise
         reader.join()
     return status, written
+
+
+def _wait(process: "subprocess.Popen[str]") -> int:
+    """Waits for the end of the program. Ctrl-C is no reason to leave it: it lands the swarm and writes its results."""
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        pass  # A terminal sends Ctrl-C to the program too.
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
+    return process.wait()
 
 
 def _sentence(written: List[str]) -> str:
