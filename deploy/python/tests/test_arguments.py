@@ -341,6 +341,7 @@ def test_wrong_actions_of_an_environment():
     own_law.figures()
     refused(own_law.step, "step before reset")
     refused(lambda: env.column("north"), "north: an observation has no such feature; did you mean north_m?")
+    refused(lambda: skein.default_reward(3), "env=3: a skein.Env is wanted")
     refused(lambda: env.column(3), "3: an observation has no such feature")
 
 
@@ -438,6 +439,20 @@ def test_missing_packages_are_named(swept, monkeypatch):
                 without.delitem(sys.modules, name)
             without.setitem(sys.modules, missing, None)
             refused(call, remedy)
+
+
+@pytest.mark.parametrize(
+    "module, missing, remedy",
+    [
+        ("skein.gym", "gymnasium", "pip install skein-swarm[gym]"),
+        ("skein.pettingzoo", "pettingzoo", "pip install skein-swarm[pettingzoo]"),
+        ("skein.pettingzoo", "gymnasium", "pip install skein-swarm[pettingzoo]"),
+    ],
+)
+def test_the_environments_name_the_package_that_is_missing(module, missing, remedy):
+    code = f"import sys; sys.modules[{missing!r}] = None; import skein, importlib; importlib.import_module({module!r})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1 and remedy in done.stderr.splitlines()[-1], done.stderr
 
 
 @pytest.mark.parametrize("quiet", [True, False])

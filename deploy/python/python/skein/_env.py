@@ -38,6 +38,8 @@ def default_reward(env: "Env") -> np.ndarray:
     Minus the distance from the circle of the formation and minus the error of the altitude, both as shares of the
     radius; minus 1 while another vehicle is nearer than 2 m, and minus 10 while the vehicle lies crashed.
     """
+    if not isinstance(env, Env):
+        _check.wrong("env", env, "a skein.Env is wanted; of an environment of skein.gym it is the attribute env")
     observed = env.observations
     radius_m = observed[..., env.column("radius_m")]
     from_centre_m = np.hypot(observed[..., env.column("north_m")], observed[..., env.column("east_m")])

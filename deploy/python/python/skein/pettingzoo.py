@@ -8,8 +8,13 @@ from __future__ import annotations
 from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
-from gymnasium.spaces import Box
-from pettingzoo import ParallelEnv
+
+try:
+    from gymnasium.spaces import Box
+    from pettingzoo import ParallelEnv
+except ImportError as error:
+    needs = "skein.pettingzoo needs pettingzoo and gymnasium"
+    raise ImportError(f"{needs}: pip install skein-swarm[pettingzoo] ({error})") from None
 
 from . import _check
 from ._env import Env
