@@ -1,7 +1,6 @@
 //! The errors that end a command: each is reported once, with the exit status that scripts rely on.
 
 use std::fmt;
-use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use miette::{Diagnostic, GraphicalReportHandler, LabeledSpan, NamedSource, SourceCode};
@@ -37,10 +36,10 @@ impl Error {
 
     /// Writes the error to stderr and returns the exit status.
     ///
-    /// A terminal gets the line of the file with the error marked; a pipe gets one line:
+    /// A terminal that obeys escape sequences gets the line of the file with the error marked; a pipe gets one line:
     /// `file:line:column: message; help`.
     pub fn report(&self) -> ExitCode {
-        match self.drawn().filter(|_| std::io::stderr().is_terminal()) {
+        match self.drawn().filter(|_| crate::terminal::obeys_escapes(&std::io::stderr())) {
             Some(drawn) => eprint!("{drawn}"),
             None => crate::terminal::complain(&self.to_string()),
         }

@@ -1,11 +1,33 @@
 //! Writes to the terminal: text with its control characters made visible, and JSON.
 
+use std::ffi::OsStr;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::sync::OnceLock;
 
 use comfy_table::Table;
 use serde::Serialize;
 use skein_common::printable::printable_lines;
+
+/// Whether this stream is a terminal that obeys escape sequences. Programs that are not quite a terminal, such as a shell in an
+/// editor, name themselves by `TERM=dumb`; without a name a terminal of Unix is not known to obey.
+pub fn obeys_escapes(stream: &impl IsTerminal) -> bool {
+    stream.is_terminal() && is_able(std::env::var_os("TERM").as_deref(), cfg!(unix))
+}
+
+/// Whether this stream is a terminal that shows colours, and the user wants them: `NO_COLOR` refuses them on every terminal.
+pub fn shows_colours(stream: &impl IsTerminal) -> bool {
+    obeys_escapes(stream) && wants_colours()
+}
+
+/// Whether the user wants colours, where there can be any: not with a `NO_COLOR` that is not empty.
+pub fn wants_colours() -> bool {
+    std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+}
+
+/// Whether a terminal of this name obeys escape sequences; on Windows terminals have no name.
+fn is_able(name: Option<&OsStr>, needs_name: bool) -> bool {
+    name.map_or(!needs_name, |name| !name.is_empty() && name != "dumb" && name != "unknown")
+}
 
 /// Formats a value as indented JSON with a newline at the end.
 pub fn json(value: &impl Serialize) -> String {
@@ -100,6 +122,14 @@ pub fn draw(text: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_terminal_obeys_escape_sequences_unless_its_name_tells_that_it_does_not() {
+        let is_able = |name: Option<&str>, needs_name| super::is_able(name.map(OsStr::new), needs_name);
+        assert!(is_able(Some("xterm-256color"), true) && is_able(Some("linux"), true) && is_able(None, false));
+        assert!(!is_able(Some("dumb"), true) && !is_able(Some("dumb"), false));
+        assert!(!is_able(Some(""), true) && !is_able(Some("unknown"), true) && !is_able(None, true));
+    }
 
     #[test]
     fn lines_are_wrapped_and_shortened_at_spaces() {

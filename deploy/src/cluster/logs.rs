@@ -1,6 +1,5 @@
 //! `skein cluster logs`: shows the agents' logs of all hosts at once, each line after its node's name.
 
-use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
@@ -74,7 +73,8 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
     for node in chosen.manual() {
         eprintln!("{}: installed by hand, its log is where it was started", name(node.id));
     }
-    let writer = Writer { json: args.json, colours: std::io::stdout().is_terminal() && !args.json };
+    let writer =
+        Writer { json: args.json, colours: !args.json && skein_lab::terminal::shows_colours(&std::io::stdout()) };
     let width = chosen.ids.iter().map(|id| name(*id).len()).max().unwrap_or(0);
     let (lines, inbox) = sync_channel::<LogLine>(QUEUE);
     let source = Source { remote, lines: args.lines, follow: args.follow };

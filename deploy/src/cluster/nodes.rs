@@ -1,7 +1,6 @@
 //! Shared by the commands that call hosts: the choice of nodes, a progress line for each host, and a table of results.
 
 use std::collections::BTreeSet;
-use std::io::IsTerminal;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -162,7 +161,7 @@ pub struct Progress {
 impl Progress {
     /// Makes a display of progress; `plain` if other texts are written to stderr too.
     pub fn new(plain: bool) -> Self {
-        let bars = (!plain && std::io::stderr().is_terminal()).then(MultiProgress::new);
+        let bars = (!plain && skein_lab::terminal::obeys_escapes(&std::io::stderr())).then(MultiProgress::new);
         Self { bars, begun: clock::now() }
     }
 

@@ -316,7 +316,7 @@ fn listen(observer: &mut Observers, listed: &[ListedNode], until: Instant, early
 }
 
 fn show(status: &SwarmStatus, remedy: &str, args: ShownArgs) {
-    let is_screen = args.watch && std::io::stdout().is_terminal();
+    let is_screen = args.watch && skein_lab::terminal::obeys_escapes(&std::io::stdout());
     let text = match (args.json, args.watch) {
         (true, true) => format!("{}\n", serde_json::to_string(status).unwrap_or_default()),
         (true, false) => skein_lab::terminal::json(status),

@@ -1,6 +1,5 @@
 //! How far a study is: a bar on a terminal, a line now and then elsewhere.
 
-use std::io::IsTerminal;
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
@@ -54,7 +53,7 @@ impl Progress for Shown {
 
 impl Display {
     fn new(runs: usize, done: usize) -> Self {
-        if !std::io::stderr().is_terminal() {
+        if !crate::terminal::obeys_escapes(&std::io::stderr()) {
             let begun = now();
             return Self::Lines(Mutex::new(Lines { runs, done, begun, done_before: done, last: begun }));
         }
