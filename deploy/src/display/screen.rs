@@ -1,13 +1,17 @@
 //! Where a flight is shown: a table on a terminal, lines elsewhere.
 
-use std::io::{self, IsTerminal};
+use std::io;
 use std::time::{Duration, Instant};
 
 use ratatui::DefaultTerminal;
+use ratatui::buffer::Buffer;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
+use ratatui::style::{Color, Modifier};
+use skein_lab::terminal::{obeys_escapes, wants_colours};
+
 use super::status::FlightStatus;
-use super::table;
+use super::table::{self, Shown};
 
 /// Between two pictures of the table.
 const PICTURE: Duration = Duration::from_millis(200);
@@ -19,8 +23,18 @@ const LINE: Duration = Duration::from_secs(10);
 pub struct Screen {
     face: Face,
     next: Option<Instant>,
-    /// The columns are explained instead of shown.
-    explains: bool,
+    /// What is shown instead of the flight.
+    instead: Instead,
+    /// The QR code of the live page's address, if a phone can open it.
+    code: Option<String>,
+}
+
+/// What a key shows instead of the flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Instead {
+    Nothing,
+    Columns,
+    Code,
 }
 
 #[derive(Debug)]
@@ -33,14 +47,14 @@ enum Face {
 }
 
 impl Screen {
-    /// A table if stdout is a terminal and is not needed for the result, else lines.
+    /// A table if stdout is a terminal that obeys escape sequences and is not needed for the result, else lines.
     pub fn open(result_on_stdout: bool) -> Self {
-        let terminal = (!result_on_stdout && io::stdout().is_terminal()).then(ratatui::try_init);
+        let terminal = (!result_on_stdout && obeys_escapes(&io::stdout())).then(ratatui::try_init);
         let face = match terminal {
             Some(Ok(terminal)) => Face::Table(terminal),
             _ => Face::Lines { on_stderr: result_on_stdout },
         };
-        Self { face, next: None, explains: false }
+        Self { face, next: None, instead: Instead::Nothing, code: None }
     }
 
     /// Whether it is time for [`Self::show`], if lines about events wait or not.
@@ -52,11 +66,20 @@ impl Screen {
     /// Shows the state of the flight; without a table the `news`, and now and then the figures. Output errors are ignored:
     /// the terminal may be closed.
     pub fn show(&mut self, status: &FlightStatus, news: &[String], now: Instant) {
-        let explains = self.explains;
+        let shown = match (self.instead, self.code.as_deref()) {
+            (Instead::Columns, _) => Shown::Columns,
+            (Instead::Code, Some(code)) => Shown::Code(code),
+            (_, code) => Shown::Flight { has_code: code.is_some() },
+        };
         match &mut self.face {
             Face::Table(terminal) => {
                 self.next = Some(now + PICTURE);
-                let _ = terminal.draw(|frame| table::draw(frame, status, explains));
+                let _ = terminal.draw(|frame| {
+                    table::draw(frame, status, shown);
+                    if !wants_colours() {
+                        without_colours(frame.buffer_mut());
+                    }
+                });
             }
             Face::Lines { on_stderr } => {
                 news.iter().for_each(|line| say(*on_stderr, line));
@@ -69,7 +92,7 @@ impl Screen {
     }
 
     /// How often Ctrl-C or q was pressed since the last call: a terminal that shows a table hands out keys, not signals. Other
-    /// keys show and hide the explanation of the columns.
+    /// keys show and hide the explanation of the columns and the code of the live page.
     pub fn asked_to_end(&mut self) -> u32 {
         let mut count = 0;
         while matches!(self.face, Face::Table(_)) && event::poll(Duration::ZERO).unwrap_or(false) {
@@ -79,8 +102,9 @@ impl Screen {
                     match key.code {
                         KeyCode::Char('q') => count += 1,
                         KeyCode::Char('c') if control => count += 1,
-                        KeyCode::Char('?' | 'h') => self.explain(!self.explains),
-                        KeyCode::Esc => self.explain(false),
+                        KeyCode::Char('?' | 'h') => self.toggle(Instead::Columns),
+                        KeyCode::Char('p') => self.toggle(Instead::Code),
+                        KeyCode::Esc => self.toggle(self.instead),
                         _ => {}
                     }
                 }
@@ -91,8 +115,14 @@ impl Screen {
         count
     }
 
-    fn explain(&mut self, explains: bool) {
-        (self.explains, self.next) = (explains, None);
+    /// Offers the QR code of the live page's address, which a key shows.
+    pub fn offer(&mut self, code: Option<String>) {
+        self.code = code;
+    }
+
+    fn toggle(&mut self, what: Instead) {
+        self.instead = if self.instead == what { Instead::Nothing } else { what };
+        self.next = None;
     }
 }
 
@@ -101,6 +131,16 @@ impl Drop for Screen {
         if matches!(self.face, Face::Table(_)) {
             ratatui::restore();
         }
+    }
+}
+
+/// Takes the colours out of a picture: what was red is bold.
+fn without_colours(picture: &mut Buffer) {
+    for cell in &mut picture.content {
+        if cell.fg == Color::Red {
+            cell.modifier |= Modifier::BOLD;
+        }
+        (cell.fg, cell.bg) = (Color::Reset, Color::Reset);
     }
 }
 

@@ -82,14 +82,16 @@ impl FlightStatus {
             span("from centre", |row| row.from_centre_m),
             most(|row| row.step_p99_us).map(|step_us| format!("step p99 {step_us:.0} µs")),
         ];
-        let mut summary = overview.phases();
-        for part in parts.into_iter().flatten() {
+        let phases = overview.phases();
+        let mut phases = phases.split(", ").map(str::to_owned);
+        let mut summary = shortened(&phases.next().unwrap_or_default(), columns);
+        for part in phases.chain(parts.into_iter().flatten()) {
             if summary.chars().count() + 2 + part.chars().count() > columns {
                 break;
             }
             summary += &format!(", {part}");
         }
-        shortened(&summary, columns)
+        summary
     }
 }
 
@@ -413,7 +415,7 @@ mod tests {
         let long = format!("{short}, altitude 29.5 to 30.0 m, from centre 101.0 to 102.0 m, step p99 80 µs");
         assert_eq!(status.summary(1000), long);
         assert_eq!(status.summary(80), short);
-        assert_eq!(status.summary(20), "2/3 in formation, 1…");
+        assert_eq!(status.summary(20), "2/3 in formation");
         status.has_gaps = false;
         assert_eq!(status.summary(45), "2/3 in formation, 1 silent, nearest 141.0 m");
         status.rows = vec![row(1, None)];

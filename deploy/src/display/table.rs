@@ -7,47 +7,89 @@ use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Cell, Padding, Paragraph, Row as TableRow, Table};
 use skein_lab::terminal::{shortened, wrapped};
 
-use super::columns::{Column, NARROW, WIDE, WIDE_COLUMNS};
+use super::columns::{Column, Fitted, NARROW, WIDE, WIDE_COLUMNS, fitting, needed};
 use super::status::{EVENT_TIME as EVENT_INDENT, FlightStatus, Row, Stage};
 
 /// Lines kept for events, if there is room for them.
 const EVENT_LINES: u16 = 3;
-/// The columns of a terminal with events beside the table.
-const EVENTS_BESIDE: u16 = WIDE_COLUMNS + 50;
+/// The columns that events beside the table need, and the border between.
+const EVENTS_BESIDE: u16 = 50;
 /// The most space between two columns of the table.
 const MAX_SPACING: u16 = 3;
+/// The least columns of the text beside a heading; a narrower text is below it.
+const TEXT_BESIDE: usize = 24;
 
-/// Draws all of it, or the explanation of the columns.
-pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, explains: bool) {
+/// What the screen shows.
+#[derive(Clone, Copy, Debug)]
+pub enum Shown<'a> {
+    /// The flight.
+    Flight {
+        /// A key shows the code of the live page.
+        has_code: bool,
+    },
+    /// What the columns mean.
+    Columns,
+    /// The QR code of the live page's address.
+    Code(&'a str),
+}
+
+/// Draws the flight, or what is shown instead of it.
+pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown<'_>) {
     let [title, summary, body, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)])
             .areas(frame.area());
     let width = usize::from(frame.area().width);
-    let columns = if title.width >= WIDE_COLUMNS { &WIDE[..] } else { &NARROW[..] };
-    frame.render_widget(Paragraph::new(headline(status)), title);
+    let wide = fitting(&WIDE, status.shown(), body.width);
+    let (set, columns) = match body.width >= WIDE_COLUMNS && wide.len() == WIDE.len() {
+        true => (&WIDE[..], wide),
+        false => (&NARROW[..], fitting(&NARROW, status.shown(), body.width)),
+    };
+    let hidden = set.len() - columns.len();
+    let beside = u16::try_from(needed(&columns)).unwrap_or(u16::MAX).max(WIDE_COLUMNS);
+    frame.render_widget(Paragraph::new(headline(status, width)), title);
     frame.render_widget(Paragraph::new(status.summary(width)), summary);
-    if explains {
-        frame.render_widget(Paragraph::new(explanation(columns, width)), body);
-    } else if body.width >= EVENTS_BESIDE {
-        let [left, right] = Layout::horizontal([Constraint::Length(WIDE_COLUMNS), Constraint::Min(0)]).areas(body);
-        let rest = draw_vehicles(frame, left, status.shown(), columns, 0);
-        frame.render_widget(Paragraph::new(legend(columns, usize::from(rest.width))).style(dim()), rest);
+    if let Shown::Columns = shown {
+        frame.render_widget(Paragraph::new(explanation(set, width)), body);
+    } else if let Shown::Code(code) = shown {
+        draw_code(frame, body, code);
+    } else if body.width >= beside.saturating_add(EVENTS_BESIDE) {
+        let [left, right] = Layout::horizontal([Constraint::Length(beside), Constraint::Min(0)]).areas(body);
+        let rest = draw_vehicles(frame, left, status.shown(), &columns, (hidden, 0));
+        frame.render_widget(Paragraph::new(legend(set, usize::from(rest.width))).style(dim()), rest);
         let block = Block::new().borders(Borders::LEFT).border_style(dim()).padding(Padding::horizontal(1));
         let inner = block.inner(right);
         frame.render_widget(block, right);
         draw_events(frame, inner, status);
     } else {
-        let legend = legend(columns, width);
+        let legend = legend(set, width);
         let wanted = u16::try_from(status.shown().len() + legend.len()).unwrap_or(u16::MAX).saturating_add(3);
         let has_legend = body.width >= WIDE_COLUMNS && body.height >= wanted.saturating_add(EVENT_LINES);
-        let rest = draw_vehicles(frame, body, status.shown(), columns, EVENT_LINES);
+        let rest = draw_vehicles(frame, body, status.shown(), &columns, (hidden, EVENT_LINES));
         let height = if has_legend { u16::try_from(legend.len()).unwrap_or(0) + 1 } else { 0 };
         let [keys, events] = Layout::vertical([Constraint::Length(height), Constraint::Min(0)]).areas(rest);
         frame.render_widget(Paragraph::new(legend).style(dim()), keys);
         draw_events(frame, events, status);
     }
-    let bottom_line = if explains { "? or Esc: back to the flight".to_owned() } else { keys(status, width) };
+    let bottom_line = match shown {
+        Shown::Flight { has_code } => keys(status, has_code, width),
+        Shown::Columns => shortened("? or Esc: back to the flight", width),
+        Shown::Code(_) => shortened("p or Esc: back to the flight", width),
+    };
     frame.render_widget(Paragraph::new(bottom_line).style(dim()), bottom);
+}
+
+/// A code in white on black, whatever the terminal's colours are: not every camera reads a code with exchanged colours.
+fn draw_code(frame: &mut Frame<'_>, body: Rect, code: &str) {
+    let width = code.lines().map(|line| line.chars().count()).max().unwrap_or(0);
+    let fits = usize::from(body.height) >= code.lines().count() && usize::from(body.width) >= width;
+    let area = Rect { width: body.width.min(u16::try_from(width).unwrap_or(u16::MAX)), ..body };
+    match fits {
+        true => frame.render_widget(Paragraph::new(code).style(Style::new().fg(Color::White).bg(Color::Black)), area),
+        false => {
+            let lines = wrapped("make the window larger to see the code of the live page", usize::from(body.width));
+            frame.render_widget(Paragraph::new(lines.join("\n")), body);
+        }
+    }
 }
 
 fn dim() -> Style {
@@ -55,14 +97,20 @@ fn dim() -> Style {
 }
 
 /// The table and the rule below it; `kept` lines stay free if possible. Gives the area that is left.
-fn draw_vehicles(frame: &mut Frame<'_>, area: Rect, rows: &[Row], columns: &[Column], kept: u16) -> Rect {
+fn draw_vehicles(
+    frame: &mut Frame<'_>,
+    area: Rect,
+    rows: &[Row],
+    columns: &[Fitted],
+    (hidden_columns, kept): (usize, u16),
+) -> Rect {
     let height = u16::try_from(rows.len()).unwrap_or(u16::MAX).saturating_add(1);
     let room = area.height.saturating_sub(1 + kept).max(2);
     let [table, rule, rest] =
         Layout::vertical([Constraint::Length(height.min(room)), Constraint::Length(1), Constraint::Min(0)]).areas(area);
     frame.render_widget(vehicles(rows, columns, table.width), table);
-    let hidden = rows.len().saturating_sub(usize::from(table.height.saturating_sub(1)));
-    frame.render_widget(divider(rule, hidden), rule);
+    let hidden_rows = rows.len().saturating_sub(usize::from(table.height.saturating_sub(1)));
+    frame.render_widget(divider(rule, hidden_rows, hidden_columns), rule);
     rest
 }
 
@@ -82,16 +130,25 @@ fn draw_events(frame: &mut Frame<'_>, area: Rect, status: &FlightStatus) {
     frame.render_widget(Paragraph::new(lines.split_off(newest).join("\n")), area);
 }
 
-fn headline(status: &FlightStatus) -> Line<'_> {
+/// The swarm's name and the stage, and between them as much about the vehicles as fits.
+fn headline(status: &FlightStatus, width: usize) -> Line<'static> {
     let bold = Style::new().add_modifier(Modifier::BOLD);
-    Line::from(vec![
-        Span::styled(status.swarm.as_str(), bold),
-        Span::raw(match status.teams.len() {
-            0 => format!("  {} vehicles, {}  ", status.rows.len(), status.plant),
-            teams => format!("  {} vehicles in {teams} teams, {}  ", status.rows.len(), status.plant),
-        }),
-        Span::styled(stage(status), bold),
-    ])
+    let vehicles = match status.teams.len() {
+        0 => format!("{} vehicles", status.rows.len()),
+        teams => format!("{} vehicles in {teams} teams", status.rows.len()),
+    };
+    let stage = stage(status);
+    let room = width.saturating_sub(stage.chars().count());
+    let between = [format!("  {vehicles}, {}  ", status.plant), format!("  {vehicles}  "), "  ".to_owned()];
+    let name = status.swarm.chars().count();
+    let between = between.into_iter().find(|between| name + between.chars().count() <= room);
+    match between {
+        Some(between) => {
+            Line::from(vec![Span::styled(status.swarm.clone(), bold), Span::raw(between), Span::styled(stage, bold)])
+        }
+        // The stage tells more than a name that is cut off.
+        None => Line::styled(shortened(&stage, width), bold),
+    }
 }
 
 /// The stage of the flight as text; plain progress lines begin with it too.
@@ -113,66 +170,86 @@ fn minutes(seconds: f64) -> String {
     format!("{:02}:{:02}", whole / 60, whole % 60)
 }
 
-fn vehicles<'a>(rows: &[Row], columns: &[Column], width: u16) -> Table<'a> {
+fn vehicles<'a>(rows: &[Row], columns: &[Fitted], width: u16) -> Table<'a> {
     let cell = |column: &Column, text: String| match column.title {
         "phase" => Cell::from(text),
         _ => Cell::from(Text::from(text).alignment(Alignment::Right)),
     };
     let row = |row: &Row| {
-        let cells = columns.iter().map(|column| cell(column, (column.cell)(row)));
+        let cells = columns.iter().map(|Fitted { column, .. }| cell(column, (column.cell)(row)));
         TableRow::new(cells).style(if row.bad { Style::new().fg(Color::Red) } else { Style::new() })
     };
-    let titles = columns.iter().map(|column| cell(column, column.title.to_owned()));
+    let titles = columns.iter().map(|Fitted { column, .. }| cell(column, column.title.to_owned()));
     let header = TableRow::new(titles).style(Style::new().add_modifier(Modifier::UNDERLINED));
-    let gaps = u16::try_from(columns.len()).unwrap_or(u16::MAX).saturating_sub(1).max(1);
-    let spare = width.saturating_sub(columns.iter().map(|column| column.width).sum());
-    let widths = columns.iter().map(|column| Constraint::Length(column.width));
-    let spacing = (spare / gaps).clamp(1, MAX_SPACING);
+    let gaps = columns.len().saturating_sub(1).max(1);
+    let spare = usize::from(width).saturating_sub(needed(columns));
+    let widths = columns.iter().map(|fitted| Constraint::Length(fitted.width));
+    let spacing = u16::try_from(1 + spare / gaps).unwrap_or(MAX_SPACING).min(MAX_SPACING);
     Table::new(rows.iter().map(row), widths).header(header).column_spacing(spacing)
 }
 
-/// A line or more for each column: what it shows, its unit, and which values are bad.
+/// A line or more for each column: what it shows, its unit, and which values are bad. In a narrow window the text is below the
+/// heading.
 fn legend(columns: &[Column], width: usize) -> Vec<Line<'static>> {
-    let indent = columns.iter().map(|column| column.title.chars().count()).max().unwrap_or(0) + 2;
+    let beside = columns.iter().map(|column| column.title.chars().count()).max().unwrap_or(0) + 2;
+    let (indent, is_beside) = if width >= beside + TEXT_BESIDE { (beside, true) } else { (2, false) };
     let mut lines = Vec::new();
     for column in columns {
-        for (nth, line) in wrapped(column.about, width.saturating_sub(indent).max(1)).into_iter().enumerate() {
-            let title = if nth == 0 { column.title } else { "" };
-            lines.push(Line::raw(format!("{title:<indent$}{line}")));
+        let mut title = column.title;
+        if !is_beside {
+            lines.push(Line::raw(std::mem::take(&mut title)));
+        }
+        let room = width.saturating_sub(indent).max(1);
+        for line in wrapped(column.about, room) {
+            let line = shortened(&line, room);
+            lines.push(Line::raw(format!("{:<indent$}{line}", std::mem::take(&mut title))));
         }
     }
     lines
 }
 
 fn explanation(columns: &[Column], width: usize) -> Vec<Line<'static>> {
-    let mut lines = vec![Line::raw("What the columns mean:")];
+    let mut lines = vec![Line::raw(shortened("What the columns mean:", width))];
     lines.extend(legend(columns, width));
     lines
 }
 
-/// A horizontal rule with the number of rows that did not fit.
-fn divider(area: Rect, hidden: usize) -> Paragraph<'static> {
-    let note = if hidden > 0 { format!(" {hidden} more, make the window taller ") } else { String::new() };
-    let rule = "─".repeat(usize::from(area.width).saturating_sub(note.chars().count()));
+/// A horizontal rule with the number of rows and columns that did not fit.
+fn divider(area: Rect, rows: usize, columns: usize) -> Paragraph<'static> {
+    let width = usize::from(area.width);
+    let columns_text = if columns == 1 { "1 column".to_owned() } else { format!("{columns} columns") };
+    let notes = match (rows, columns) {
+        (0, 0) => vec![],
+        (_, 0) => vec![format!(" {rows} more, make the window taller "), format!(" {rows} more ")],
+        (0, _) => vec![format!(" {columns_text} hidden, make the window wider "), format!(" {columns_text} hidden ")],
+        (..) => vec![
+            format!(" {rows} more and {columns_text} hidden, make the window larger "),
+            format!(" {rows} more, {columns_text} hidden "),
+            format!(" {rows} more "),
+        ],
+    };
+    let note = notes.into_iter().find(|note| note.chars().count() <= width).unwrap_or_default();
+    let rule = "─".repeat(width.saturating_sub(note.chars().count()));
     Paragraph::new(note + &rule).style(dim())
 }
 
 /// The keys that can be pressed, and where the files are if there is room.
-fn keys(status: &FlightStatus, width: usize) -> String {
+fn keys(status: &FlightStatus, has_code: bool, width: usize) -> String {
     let stop = match status.stage {
-        Stage::Gathering | Stage::Flying => "Ctrl-C or q: land and end",
-        Stage::Landing => "Ctrl-C or q: end at once, in the air",
-        Stage::Ending => "Ctrl-C or q: end at once",
-        Stage::Watched => "Ctrl-C or q: end the view, the swarm flies on",
+        Stage::Gathering | Stage::Flying => "q: land and end",
+        Stage::Landing => "q: end at once, in the air",
+        Stage::Ending => "q: end at once",
+        Stage::Watched => "q: end the view, the swarm flies on",
     };
-    let keys = format!("{stop}   ?: what the columns mean");
-    let folder = status.out.rsplit('/').next().unwrap_or_default();
-    let files = [format!("{keys}   files: {}", status.out), format!("{keys}   files: …/{folder}")];
-    if status.out.is_empty() {
-        return shortened(&keys, width);
-    }
-    let fits = files.into_iter().find(|line| line.chars().count() <= width);
-    fits.unwrap_or_else(|| shortened(&keys, width))
+    let code = if has_code { "   p: page on a phone" } else { "" };
+    let keys = format!("Ctrl-C or {stop}   ?: what the columns mean{code}");
+    let mut lines = match status.out.rsplit_once('/').map_or(status.out.as_str(), |(_, folder)| folder) {
+        "" => Vec::new(),
+        folder => vec![format!("{keys}   files: {}", status.out), format!("{keys}   files: …/{folder}")],
+    };
+    lines.extend([keys, format!("{stop}   ?: columns{code}"), format!("{stop}   ?: columns"), stop.to_owned()]);
+    let fits = lines.into_iter().find(|line| line.chars().count() <= width);
+    fits.unwrap_or_else(|| shortened(stop, width))
 }
 
 #[cfg(test)]
@@ -217,12 +294,12 @@ mod tests {
     }
 
     fn drawn(status: &FlightStatus, width: u16, height: u16) -> Vec<String> {
-        drawn_as(status, width, height, false)
+        drawn_as(status, width, height, Shown::Flight { has_code: false })
     }
 
-    fn drawn_as(status: &FlightStatus, width: u16, height: u16, explains: bool) -> Vec<String> {
+    fn drawn_as(status: &FlightStatus, width: u16, height: u16, shown: Shown<'_>) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-        terminal.draw(|frame| draw(frame, status, explains)).unwrap();
+        terminal.draw(|frame| draw(frame, status, shown)).unwrap();
         let buffer = terminal.backend().buffer();
         let line = |y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>().trim_end().to_owned();
         (0..height).map(line).collect()
@@ -262,7 +339,7 @@ mod tests {
     #[test]
     fn a_key_press_explains_every_column() {
         let status = status((1..=16).map(row).collect());
-        let lines = drawn_as(&status, 80, 24, true);
+        let lines = drawn_as(&status, 80, 24, Shown::Columns);
         assert!(lines[2].starts_with("What the columns mean"), "{lines:#?}");
         for column in NARROW {
             assert!(lines.iter().any(|line| line.starts_with(column.title)), "{}: {lines:#?}", column.title);
@@ -284,6 +361,19 @@ mod tests {
     }
 
     #[test]
+    fn a_key_shows_the_code_of_the_live_page_where_it_fits() {
+        let status = status(vec![row(1)]);
+        let code = "██████\n█ ▄▄ █\n██████";
+        let lines = drawn_as(&status, 80, 12, Shown::Code(code));
+        assert_eq!(lines[2..5], code.lines().collect::<Vec<_>>());
+        assert_eq!(lines[11], "p or Esc: back to the flight");
+        let small = drawn_as(&status, 80, 5, Shown::Code(code));
+        assert_eq!(small[2], "make the window larger to see the code of the live page");
+        let flight = drawn_as(&status, 120, 12, Shown::Flight { has_code: true });
+        assert!(flight[11].contains("p: page on a phone"), "{flight:#?}");
+    }
+
+    #[test]
     fn rows_that_do_not_fit_are_counted() {
         let lines = drawn(&status((1..=30).map(row).collect()), 80, 12);
         assert!(lines[7].starts_with(" 26 more, make the window taller ─"), "{lines:#?}");
@@ -296,7 +386,73 @@ mod tests {
     fn no_size_is_too_small() {
         for (width, height) in [(1, 1), (5, 2), (20, 3), (200, 1), (1, 50)] {
             drawn(&status(vec![row(1), row(2)]), width, height);
-            drawn_as(&status(vec![row(1), row(2)]), width, height, true);
+            for shown in [Shown::Columns, Shown::Code("█▀▄ █")] {
+                drawn_as(&status(vec![row(1), row(2)]), width, height, shown);
+            }
+        }
+    }
+
+    /// The columns of which a line has the headings, and nothing else.
+    fn columns_of(header: &str, set: &[Column]) -> Vec<Column> {
+        let mut words = header.split_whitespace().peekable();
+        let is_next = |column: &&Column| {
+            let mut ahead = words.clone();
+            let is_there = column.title.split_whitespace().all(|word| ahead.next() == Some(word));
+            if is_there {
+                words = ahead;
+            }
+            is_there
+        };
+        let found = set.iter().filter(is_next).copied().collect();
+        assert_eq!(words.next(), None, "no other heading and no part of one: {header}");
+        found
+    }
+
+    #[test]
+    fn every_width_shows_whole_headings_and_numbers_and_leaves_out_the_least_important_columns() {
+        let far = Row {
+            name: "12/16".to_owned(),
+            phase: "9/16 in formation".to_owned(),
+            altitude_m: Some(-12_345.67),
+            from_centre_m: Some(1_234_567.8),
+            gap_deg: Some((359.96, -123.4)),
+            nearest_m: Some(123_456.7),
+            peer_age_ms: Some(12_345_678.0),
+            step_p99_us: Some(123_456_789.0),
+            late_dropped: Some((1_234_567, 7_654_321)),
+            ..row(3)
+        };
+        for rows in [vec![row(1), row(2)], vec![row(1), far]] {
+            let status = status(rows.clone());
+            let mut shown = 0;
+            for width in 20..=200 {
+                let lines = drawn(&status, width, 14);
+                let at = lines.iter().position(|line| line.contains("phase") || line.trim() == "id");
+                let table: Vec<String> = lines[at.unwrap()..][..3]
+                    .iter()
+                    .map(|line| line.split('│').next().unwrap_or_default().to_owned())
+                    .collect();
+                let set = if table[0].starts_with("vehicle") { &WIDE[..] } else { &NARROW[..] };
+                let columns = columns_of(&table[0], set);
+                for (row, line) in rows.iter().zip(&table[1..]) {
+                    let cells: Vec<String> = columns.iter().map(|column| (column.cell)(row)).collect();
+                    let words = line.split_whitespace().collect::<Vec<_>>().join(" ");
+                    assert_eq!(words, cells.join(" "), "{width} columns: {lines:#?}");
+                }
+                let ranks: Vec<u8> = columns.iter().map(|column| column.rank).collect();
+                let rest = set.iter().map(|column| column.rank).filter(|rank| !ranks.contains(rank));
+                assert!(
+                    rest.min().is_none_or(|least| Some(least) > ranks.iter().max().copied()),
+                    "{width}: {lines:#?}"
+                );
+                assert!(columns.len() >= shown, "{width} columns: {lines:#?}");
+                shown = columns.len();
+                assert!(lines[0].ends_with("01:23 of 06:40"), "{width} columns: {lines:#?}");
+                let summary = status.summary(1000);
+                assert!(summary.split(", ").collect::<Vec<_>>().starts_with(&lines[1].split(", ").collect::<Vec<_>>()));
+                assert!(lines[13].starts_with("q: land and end") || lines[13].starts_with("Ctrl-C or q: land and end"));
+            }
+            assert_eq!(shown, WIDE.len(), "a wide window has room for all");
         }
     }
 
@@ -308,6 +464,6 @@ mod tests {
         assert_eq!(stage(&status), "01:23");
         status.stage = Stage::Landing;
         assert_eq!(stage(&status), "landing after 01:23");
-        assert!(keys(&status, 80).contains("in the air"));
+        assert!(keys(&status, false, 80).contains("in the air"));
     }
 }
