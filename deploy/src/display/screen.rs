@@ -152,3 +152,22 @@ fn say(on_stderr: bool, line: &str) {
 fn line(status: &FlightStatus) -> String {
     format!("{}: {}", table::stage(status), status.summary(usize::MAX))
 }
+
+#[cfg(test)]
+mod tests {
+    use ratatui::layout::Rect;
+    use ratatui::style::Style;
+
+    use super::*;
+
+    #[test]
+    fn a_picture_without_colours_shows_in_bold_what_was_red() {
+        let mut picture = Buffer::empty(Rect::new(0, 0, 3, 1));
+        picture.set_string(0, 0, "a", Style::new().fg(Color::Red));
+        picture.set_string(1, 0, "b", Style::new().fg(Color::White).bg(Color::Black));
+        without_colours(&mut picture);
+        assert!(picture.content.iter().all(|cell| (cell.fg, cell.bg) == (Color::Reset, Color::Reset)));
+        let is_bold: Vec<bool> = picture.content.iter().map(|cell| cell.modifier.contains(Modifier::BOLD)).collect();
+        assert_eq!(is_bold, [true, false, false]);
+    }
+}

@@ -146,7 +146,7 @@ fn headline(status: &FlightStatus, width: usize) -> Line<'static> {
         Some(between) => {
             Line::from(vec![Span::styled(status.swarm.clone(), bold), Span::raw(between), Span::styled(stage, bold)])
         }
-        // The stage tells more than a name that is cut off.
+        // The stage is of more use than a name that is cut off.
         None => Line::styled(shortened(&stage, width), bold),
     }
 }
