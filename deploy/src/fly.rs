@@ -26,7 +26,7 @@ use crate::cluster::nodes::is_seconds;
 use crate::os::Interrupts;
 use crate::reach::SwarmArgs;
 use crate::simulators::HostPort;
-use crate::view::{self, OrdersArgs};
+use crate::view::{self, NameArgs, OrdersArgs, PageBeside, Served};
 use skein_common::id::SwarmName;
 use skein_core::formation::room;
 use skein_lab::error::Error;
@@ -83,6 +83,9 @@ pub struct FlyArgs {
     /// Do not serve the page
     #[arg(long, conflicts_with = "orders")]
     pub no_view: bool,
+    /// Names of the page's server.
+    #[command(flatten)]
+    pub names: NameArgs,
     /// Orders from the page.
     #[command(flatten)]
     pub orders: OrdersArgs,
@@ -157,13 +160,13 @@ pub fn run(args: &FlyArgs) -> Result<(), Error> {
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
     let vehicles: Vec<usize> = plans.plans.iter().map(|plan| plan.scenario().swarm.vehicles).collect();
     capacity::ask_for(&vehicles, args.anyway)?;
-    let page = serve_page(args, plans.described.first().scenario.swarm.name.clone())?;
+    let (page, code) = serve_page(args, plans.described.first().scenario.swarm.name.clone())?;
     if let Some(runs) = args.runs {
         page.iter().for_each(|page| eprintln!("{page}"));
         return series::fly(args, plans, runs, &interrupts);
     }
     let mut flights = Flights::begin(plans, args.gather_within(), args.json, &interrupts)?;
-    page.iter().for_each(|page| flights.tell(page));
+    flights.tell_of_page(page, code);
     let flown = flights.fly(&interrupts);
     if !args.json {
         skein_lab::terminal::say(&flown.summary());
@@ -171,19 +174,22 @@ pub fn run(args: &FlyArgs) -> Result<(), Error> {
     flown.verdict
 }
 
-/// Serves the live page if it is wanted: the line about it for the operator.
+/// Serves the live page if it is wanted. Returns the lines about it for the operator, and the QR code of its address.
 ///
 /// # Errors
 /// If its address is not free, or orders cannot be allowed, and the page was asked for.
-fn serve_page(args: &FlyArgs, swarm: SwarmName) -> Result<Option<String>, Error> {
+fn serve_page(args: &FlyArgs, swarm: SwarmName) -> Result<(Vec<String>, Option<String>), Error> {
     let is_asked_for = args.view.is_some() || args.orders.orders;
     let is_wanted = is_asked_for || (std::io::stdout().is_terminal() && !args.json);
     if !is_wanted || args.no_view {
-        return Ok(None);
+        return Ok((Vec::new(), None));
     }
-    match view::beside(SwarmArgs { swarm: Some(swarm), file: None }, args.view.flatten(), &args.orders) {
-        Ok(address) => Ok(Some(format!("live page: http://{address}"))),
-        Err(error) if !is_asked_for => Ok(Some(format!("no live page: {error}"))),
+    let served = Served { address: args.view.flatten(), option: "--view", names: &args.names, orders: &args.orders };
+    match view::beside(SwarmArgs { swarm: Some(swarm), file: None }, served) {
+        Ok(PageBeside { addresses, code }) => {
+            Ok((addresses.iter().map(|address| format!("live page: http://{address}")).collect(), code))
+        }
+        Err(error) if !is_asked_for => Ok((vec![format!("no live page: {error}")], None)),
         Err(error) => Err(error),
     }
 }

@@ -9,6 +9,7 @@
 //! | `orders` | orders from the page, if they are allowed |
 //! | `verdict` | how the swarm is, in one line |
 //! | `server`, `socket`, `page` | HTTP, the WebSocket, the page's files |
+//! | `names`, `code` | the server's names and addresses, the QR code of its address |
 //! | `foxglove` | the server for Foxglove |
 //! | `mavlink` | messages to ground stations, and their commands |
 //! | `terminal` | the table of `skein fly` |
@@ -31,12 +32,14 @@ use crate::keys::Role;
 use crate::os::Interrupts;
 use crate::reach::SwarmArgs;
 
+mod code;
 mod events;
 mod field;
 mod foxglove;
 mod hello;
 mod live;
 mod mavlink;
+mod names;
 mod orders;
 mod page;
 mod playback;
@@ -48,8 +51,10 @@ mod terminal;
 mod verdict;
 
 use hello::OrderRule;
-use live::Frame;
+use live::{Frame, Watch};
 pub use mavlink::MavlinkArgs;
+pub use names::NameArgs;
+use names::Names;
 pub use orders::OrdersArgs;
 use orders::Rule;
 use server::{Shared, Source};
@@ -64,7 +69,7 @@ const TICK: Duration = Duration::from_millis(100);
 /// `skein view`
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  skein view\n  skein view --foxglove 8765\n  skein view --mavlink 127.0.0.1:14550 --orders\n  skein view -f cluster.toml --listen 192.168.1.20:7480\n  skein view skein-runs/hover/run.mcap"
+    after_help = "Examples:\n  skein view\n  skein view --foxglove 8765\n  skein view --mavlink 127.0.0.1:14550 --orders\n  skein view -f cluster.toml --listen 0.0.0.0:7480\n  skein view --listen 0.0.0.0:7480 --name swarm.example.com\n  skein view skein-runs/hover/run.mcap"
 )]
 pub struct ViewArgs {
     /// A recording, or a folder with one, to play instead of a live swarm
@@ -77,11 +82,14 @@ pub struct ViewArgs {
     /// on every PC that can reach it
     #[arg(long, value_name = "ADDR:PORT")]
     pub listen: Option<SocketAddr>,
+    /// Names of the page's server.
+    #[command(flatten)]
+    pub names: NameArgs,
     /// Serve Foxglove too, live or from the recording, at this port of the loopback or at this address
     #[arg(long, value_name = "[ADDR:]PORT", value_parser = foxglove::address)]
     pub foxglove: Option<SocketAddr>,
     /// Show the table of skein fly on the terminal instead of a page
-    #[arg(long, conflicts_with_all = ["listen", "orders", "foxglove", "mavlink"])]
+    #[arg(long, conflicts_with_all = ["listen", "names", "orders", "foxglove", "mavlink"])]
     pub terminal: bool,
     /// Ground stations.
     #[command(flatten)]
@@ -106,17 +114,20 @@ pub fn run(args: &ViewArgs) -> Result<(), Error> {
     let (address, foxglove) = match &args.recording {
         Some(path) => {
             let path = recording(path)?;
-            let (listener, address) = listen(args.listen)?;
+            let (listener, address) = listen(args.listen, LISTEN)?;
             let foxglove = args.foxglove.map(|foxglove| foxglove::play(&path, foxglove)).transpose()?;
-            begin(listener, None, |_| Source::Recording(path))?;
+            begin(listener, None, &args.names, |_| Source::Recording(path))?;
             (address, foxglove)
         }
         None => {
             let (foxglove, at) = args.foxglove.map(foxglove::Live::start).transpose()?.unzip();
-            (begin_live(args.swarm.clone(), args.listen, &args.orders, foxglove, &args.mavlink)?, at)
+            let served = Served { address: args.listen, option: LISTEN, names: &args.names, orders: &args.orders };
+            (begin_live(args.swarm.clone(), served, foxglove, &args.mavlink)?, at)
         }
     };
-    say(&format!("http://{address}\n"));
+    let addresses = names::addresses(address);
+    addresses.iter().for_each(|address| say(&format!("http://{address}\n")));
+    code::of(&addresses).iter().for_each(|code| code::show(code));
     if let Some(foxglove) = foxglove {
         say(&format!("ws://{foxglove}\n"));
     }
@@ -130,34 +141,61 @@ pub fn run(args: &ViewArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// Serves the page of a live swarm, for as long as the process runs, and returns its address.
+/// The option of `skein view` with the page's address.
+const LISTEN: &str = "--listen";
+
+/// How the page of a live swarm is served.
+#[derive(Clone, Copy, Debug)]
+pub struct Served<'a> {
+    /// Address of the page; without it the first free port of the loopback.
+    pub address: Option<SocketAddr>,
+    /// The option that gave the address.
+    pub option: &'static str,
+    /// Names of the server.
+    pub names: &'a NameArgs,
+    /// Who may order the swarm.
+    pub orders: &'a OrdersArgs,
+}
+
+/// The page beside a flight.
+#[derive(Clone, Debug)]
+pub struct PageBeside {
+    /// The addresses to open it at, the most useful first.
+    pub addresses: Vec<SocketAddr>,
+    /// The QR code of its address, if another device can open it.
+    pub code: Option<String>,
+}
+
+/// Serves the page of a live swarm that this process flies, for as long as the process runs.
 ///
 /// # Errors
 /// If the address is not free, or orders are wanted and cannot be allowed.
-pub fn beside(swarm: SwarmArgs, address: Option<SocketAddr>, orders: &OrdersArgs) -> Result<SocketAddr, Error> {
-    begin_live(swarm, address, orders, None, &MavlinkArgs::default())
+pub fn beside(swarm: SwarmArgs, served: Served<'_>) -> Result<PageBeside, Error> {
+    let addresses = names::addresses(begin_live(swarm, served, None, &MavlinkArgs::default())?);
+    let code = code::of(&addresses);
+    Ok(PageBeside { addresses, code })
 }
 
 /// Serves the page of a live swarm, Foxglove and a ground station.
 fn begin_live(
     swarm: SwarmArgs,
-    address: Option<SocketAddr>,
-    orders: &OrdersArgs,
+    Served { address, option, names, orders }: Served<'_>,
     foxglove: Option<foxglove::Live>,
     mavlink: &MavlinkArgs,
 ) -> Result<SocketAddr, Error> {
+    let is_reported = option == LISTEN;
     let rule = orders.rule(address.map_or(Ipv4Addr::LOCALHOST.into(), |address| address.ip()))?;
     if rule.is_some() && swarm.file.is_some() {
         // An operator without the keys of a cluster learns it now, not with the first order.
         swarm.choose()?.reach_teams(Role::Operator, &[])?;
     }
     let station = mavlink.station(rule.as_deref())?;
-    let (listener, address) = listen(address)?;
-    begin(listener, rule.clone(), |frames| {
+    let (listener, address) = listen(address, option)?;
+    begin(listener, rule.clone(), names, |frames| {
         if let Some(station) = station {
             station.serve(frames.subscribe());
         }
-        live(swarm, rule.as_deref(), foxglove, frames)
+        live(swarm, rule.as_deref(), foxglove, is_reported, frames)
     })?;
     Ok(address)
 }
@@ -175,11 +213,12 @@ fn recording(path: &Path) -> Result<PathBuf, Error> {
     Ok(found)
 }
 
-/// Watches a live swarm on a thread of its own.
+/// Watches a live swarm on a thread of its own; what keeps the page empty is written to stderr too if `is_reported`.
 fn live(
     swarm: SwarmArgs,
     rule: Option<&Rule>,
     foxglove: Option<foxglove::Live>,
+    is_reported: bool,
     frames: watch::Sender<Arc<Frame>>,
 ) -> Source {
     let of_thread = frames.clone();
@@ -188,18 +227,21 @@ fn live(
         Some(rule) if rule.needs_token() => OrderRule::AllowedWithToken,
         Some(_) => OrderRule::Allowed,
     };
-    thread::spawn(move || live::watch(swarm, orders, &of_thread, foxglove, || false));
+    thread::spawn(move || live::watch(Watch { swarm, orders, foxglove, is_reported }, &of_thread, || false));
     Source::Live(frames)
 }
 
-/// Takes the address; without one the first free port of the loopback.
-fn listen(address: Option<SocketAddr>) -> Result<(TcpListener, SocketAddr), Error> {
+/// Takes the address that this option gave; without one the first free port of the loopback.
+fn listen(address: Option<SocketAddr>, option: &str) -> Result<(TcpListener, SocketAddr), Error> {
     let bound = match address {
         Some(address) => TcpListener::bind(address)
-            .map_err(|error| Error::Refused(format!("--listen {address}: {error}; choose another port"))),
+            .map_err(|error| Error::Refused(format!("{option} {address}: {error}; choose another port"))),
         None => {
             (PORT..PORT + PORTS).find_map(|port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).ok()).ok_or_else(|| {
-                Error::Refused(format!("ports {PORT} to {} are in use; choose one with --listen", PORT + PORTS - 1))
+                Error::Refused(format!(
+                    "ports {PORT} to {} are in use; choose one with {option} ADDR:PORT",
+                    PORT + PORTS - 1
+                ))
             })
         }
     }?;
@@ -213,6 +255,7 @@ fn listen(address: Option<SocketAddr>) -> Result<(TcpListener, SocketAddr), Erro
 fn begin(
     listener: TcpListener,
     rule: Option<Arc<Rule>>,
+    names: &NameArgs,
     source: impl FnOnce(watch::Sender<Arc<Frame>>) -> Source,
 ) -> Result<(), Error> {
     let failed = |error: std::io::Error| Error::Failed(format!("the page cannot be served: {error}"));
@@ -221,7 +264,7 @@ fn begin(
         tokio::runtime::Builder::new_multi_thread().worker_threads(1).thread_name("view").enable_all().build();
     let runtime = runtime.map_err(failed)?;
     let (frames, _) = watch::channel(Arc::default());
-    let shared = Arc::new(Shared::new(source(frames), rule, address));
+    let shared = Arc::new(Shared::new(source(frames), rule, Names::new(address, names)));
     let serve = move || runtime.block_on(server::serve(listener, shared));
     thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(failed)?;
     Ok(())

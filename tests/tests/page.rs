@@ -61,6 +61,11 @@ fn the_page_shows_synthetic_swarms_of_every_size() {
 }
 
 #[test]
+fn the_page_works_behind_a_proxy_or_names_the_option_that_lets_it() {
+    run("proxy.test.mjs");
+}
+
+#[test]
 fn the_page_shows_a_real_flight_and_its_recording() {
     run("live.test.mjs");
 }

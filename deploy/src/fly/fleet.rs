@@ -99,10 +99,11 @@ impl Flights {
         Ok(Self { running, over, statuses, separations, recorder, out, screen, stream, file })
     }
 
-    /// Shows a line for the operator.
-    pub fn tell(&mut self, line: &str) {
+    /// Shows the lines about the page beside the flights, and offers the QR code of its address.
+    pub fn tell_of_page(&mut self, lines: Vec<String>, code: Option<String>) {
+        self.screen.offer(code);
         if let Some(first) = self.running.first_mut() {
-            first.tell(clock::now(), line.to_owned());
+            lines.into_iter().for_each(|line| first.tell(clock::now(), line));
         }
     }
 

@@ -4,7 +4,7 @@
 //! the time that a slow client may take. A page of another origin gets nothing, and a request under a foreign name is refused, so that a website
 //! cannot reach the server through a name that resolves to this PC (DNS rebinding).
 
-use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::net::TcpListener;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,6 +24,7 @@ use hyper_util::service::TowerToHyperService;
 use tokio::sync::{Semaphore, watch};
 
 use super::live::Frame;
+use super::names::Names;
 use super::orders::Rule;
 use super::{page, playback, socket};
 
@@ -35,6 +36,9 @@ const HEADERS_WITHIN: Duration = Duration::from_secs(10);
 const MAX_MESSAGE: usize = 4 * 1024;
 /// Number of bytes to a client that may wait: it is too slow when they are more.
 const MAX_UNSENT: usize = 4 * 1024 * 1024;
+
+/// Where the swarm is shown: the path of the WebSocket.
+const LIVE: &str = "/live";
 
 /// What the page may load: its own files and its own server.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
@@ -53,46 +57,13 @@ pub(super) struct Shared {
     pub(super) source: Source,
     /// The rule by which pages give orders; `None` if they may not.
     orders: Option<Arc<Rule>>,
-    /// Names under which this server may be asked for, besides those of the loopback: the address that it listens at.
-    names: Vec<String>,
+    /// The names under which this server may be asked for.
+    names: Names,
 }
 
 impl Shared {
-    pub(super) fn new(source: Source, orders: Option<Arc<Rule>>, listen: SocketAddr) -> Self {
-        let named = match listen.ip() {
-            ip if ip.is_unspecified() => Vec::new(),
-            ip => vec![host_name(ip)],
-        };
-        Self { source, orders, names: named }
-    }
-
-    /// Whether a request under this name is meant for this server. Behind an address for all networks any address is, but no
-    /// name: a foreign website can choose a name, not an address.
-    fn is_own(&self, host: &str, listens_everywhere: bool) -> bool {
-        let name = without_port(host);
-        let is_address = || name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>().is_ok();
-        ["localhost", "127.0.0.1", "[::1]"].contains(&name)
-            || self.names.iter().any(|own| own == name)
-            || (listens_everywhere && is_address())
-    }
-
-    fn listens_everywhere(&self) -> bool {
-        self.names.is_empty()
-    }
-}
-
-/// An address as it stands in a URL.
-fn host_name(ip: IpAddr) -> String {
-    match ip {
-        IpAddr::V4(ip) => ip.to_string(),
-        IpAddr::V6(ip) => format!("[{ip}]"),
-    }
-}
-
-fn without_port(host: &str) -> &str {
-    match host.rfind(':') {
-        Some(colon) if !host[colon..].contains(']') => &host[..colon],
-        _ => host,
+    pub(super) fn new(source: Source, orders: Option<Arc<Rule>>, names: Names) -> Self {
+        Self { source, orders, names }
     }
 }
 
@@ -122,15 +93,16 @@ pub(super) async fn serve(listener: TcpListener, shared: Arc<Shared>) {
 fn router(shared: Arc<Shared>) -> Router {
     Router::new()
         .route("/", get(async || file("index.html")))
-        .route("/live", get(live))
+        // A page whose WebSocket is refused asks by this for the reason: browsers keep the answer to a WebSocket to themselves.
+        .route(LIVE, get(live).post(async || StatusCode::NO_CONTENT))
         .route("/{file}", get(async |Path(name): Path<String>| file(&name)))
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), guard))
         .with_state(shared)
 }
 
-/// Refuses requests under a foreign name and from pages of another origin, and adds the headers that all answers have.
+/// Refuses requests under a foreign name, and for the swarm from pages of another origin, and adds the headers that all answers have.
 async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
-    let mut response = match check(&shared, request.headers()) {
+    let mut response = match check(&shared, request.uri().path(), request.headers()) {
         Ok(()) => next.run(request).await,
         Err(refusal) => refusal.into_response(),
     };
@@ -144,18 +116,13 @@ async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) 
     response
 }
 
-/// Whether these headers are those of a request for this server by its own page, or by no page.
-fn check(shared: &Shared, headers: &HeaderMap) -> Result<(), (StatusCode, &'static str)> {
-    let host = headers.get(HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
-    if !shared.is_own(host, shared.listens_everywhere()) {
-        return Err((StatusCode::MISDIRECTED_REQUEST, "this server has another name\n"));
-    }
-    match headers.get(ORIGIN) {
-        Some(origin) if origin.as_bytes() != format!("http://{host}").as_bytes() => {
-            Err((StatusCode::FORBIDDEN, "not for pages of other servers\n"))
-        }
-        _ => Ok(()),
-    }
+/// Whether these headers are those of a request for this server, and where the swarm is shown by its own page or by no page. The
+/// page's files are the same for every swarm: a page that is refused can still be opened, and shows why.
+fn check(shared: &Shared, path: &str, headers: &HeaderMap) -> Result<(), (StatusCode, String)> {
+    let text = |header: &HeaderValue| String::from_utf8_lossy(header.as_bytes()).into_owned();
+    let host = headers.get(HOST).map(text).unwrap_or_default();
+    let origin = headers.get(ORIGIN).filter(|_| path == LIVE).map(text);
+    shared.names.check(&host, origin.as_deref())
 }
 
 fn file(name: &str) -> Response {

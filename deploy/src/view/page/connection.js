@@ -6,11 +6,12 @@ const MAGIC = 0x4e454b53;
 const HEADER_BYTES = 16;
 
 /**
- * Opens `/live` and hands every message to `handlers`: `message(object)` for JSON, `crowd(crowd)` for the binary positions
- * of a large swarm, `open()`, `closed(retry_s)`.
+ * Opens `live` beside the page and hands every message to `handlers`: `message(object)` for JSON, `crowd(crowd)` for the binary
+ * positions of a large swarm, `open()`, `closed(retry_s)`, and `refused(problem)` with `{ text, remedy }` if the server or a proxy
+ * refuses the connection, or `null` if no server answers.
  */
 export class Connection {
-  constructor(handlers, address = liveAddress()) {
+  constructor(handlers, address = liveAddress(document.baseURI)) {
     this.handlers = handlers;
     this.address = address;
     this.retry_ms = FIRST_RETRY_MS;
@@ -21,12 +22,29 @@ export class Connection {
     const socket = new WebSocket(this.address);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    let wasOpen = false;
     socket.addEventListener("open", () => {
+      wasOpen = true;
       this.retry_ms = FIRST_RETRY_MS;
       this.handlers.open();
     });
     socket.addEventListener("message", ({ data }) => this.receive(data));
-    socket.addEventListener("close", () => this.again());
+    socket.addEventListener("close", () => {
+      this.again();
+      if (!wasOpen) this.explain();
+    });
+  }
+
+  /** Asks the server why it refuses: a browser keeps the answer to a WebSocket to itself. */
+  async explain() {
+    let problem = null;
+    try {
+      const response = await fetch(this.address.replace(/^ws/, "http"), { method: "POST", cache: "no-store" });
+      problem = reasonOf(response.status, await response.text());
+    } catch {
+      // No server answers: the page tries again.
+    }
+    if (this.socket?.readyState !== WebSocket.OPEN) this.handlers.refused(problem);
   }
 
   again() {
@@ -62,9 +80,21 @@ export class Connection {
   }
 }
 
-function liveAddress() {
-  const scheme = location.protocol === "https:" ? "wss:" : "ws:";
-  return `${scheme}//${location.host}/live`;
+/** Address of the WebSocket of a page at this address: beside the page, so that a proxy may serve both in a folder of its own. */
+export function liveAddress(page) {
+  const address = new URL("live", page);
+  address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+  return address.href;
+}
+
+/** Why a WebSocket is refused, by the answer to a request for the reason; `null` if the answer does not tell. */
+export function reasonOf(status, text) {
+  if (status === 403 || status === 421) return { text: "skein view refuses this page.", remedy: text.trim() };
+  if (status !== 204) return null;
+  return {
+    text: "skein view can be reached, but not its WebSocket.",
+    remedy: "A proxy between this page and skein view has to pass the headers Upgrade and Connection on.",
+  };
 }
 
 /** Positions of all vehicles of a large swarm, in the order of the swarm's list; `null` for other bytes. */

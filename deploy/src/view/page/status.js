@@ -29,6 +29,11 @@ export class Banner {
     this.problems = new Map();
   }
 
+  /** Whether there is a problem of this kind. */
+  has(kind) {
+    return this.problems.has(kind);
+  }
+
   /** Sets the problem of a kind, `{ text, remedy }`, or ends it with `null`. */
   set(kind, problem) {
     if (problem) this.problems.set(kind, problem);
