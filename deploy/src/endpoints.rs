@@ -134,8 +134,9 @@ pub fn find(folder: &Path, swarm: Option<&SwarmName>) -> Result<Endpoints, Error
     let title = swarm.map_or_else(|| "swarm".to_owned(), |name| format!("swarm named {name}"));
     let no_swarm = || {
         Error::Failed(format!(
-            "no {title} flies here (looked in {}); `skein fly` starts one, and -f CLUSTER.toml names a cluster",
-            folder.display()
+            "no {title} flies here (looked in {}); {}`skein fly` starts one, and -f CLUSTER.toml names a cluster",
+            folder.display(),
+            swarm.and_then(|swarm| others(folder, swarm)).map_or_else(String::new, |others| format!("{others}; "))
         ))
     };
     match names.as_slice() {
@@ -153,6 +154,18 @@ pub fn flying(folder: &Path) -> Vec<SwarmName> {
     let mut names = names(folder);
     names.retain(|name| flies(folder, name));
     names
+}
+
+/// The swarms that fly here besides this one, as a sentence for the operator who asked for it; `None` if no other flies.
+pub fn others(folder: &Path, swarm: &SwarmName) -> Option<String> {
+    let mut names = flying(folder);
+    names.retain(|name| name != swarm);
+    let list = names.iter().map(SwarmName::as_str).collect::<Vec<_>>().join(", ");
+    match names.as_slice() {
+        [] => None,
+        [only] => Some(format!("swarm {only} flies here: --swarm {only} names it")),
+        _ => Some(format!("swarms that fly here: {list}; --swarm NAME names one")),
+    }
 }
 
 /// Whether an agent of this swarm accepts a connection: an ended swarm can leave its file behind.
@@ -263,10 +276,18 @@ mod tests {
         let error = find(folder.path(), None).unwrap_err().to_string();
         assert_eq!(error, "several swarms fly here: a, b; choose one with --swarm NAME");
         assert_eq!(find(folder.path(), Some(&SwarmName::new("b").unwrap())).unwrap().swarm.as_str(), "b");
+        let missing = find(folder.path(), Some(&SwarmName::new("gon").unwrap())).unwrap_err().to_string();
+        assert!(
+            missing.contains("; swarms that fly here: a, b; --swarm NAME names one; `skein fly` starts one"),
+            "{missing}"
+        );
         fs::write(folder.path().join("c.json"), "{}").unwrap();
         assert!(find(folder.path(), Some(&SwarmName::new("c").unwrap())).is_err());
         let [_, last] = agents;
         drop(last);
+        let missing = find(folder.path(), Some(&SwarmName::new("gon").unwrap())).unwrap_err().to_string();
+        assert!(missing.contains("; swarm b flies here: --swarm b names it; `skein fly`"), "{missing}");
+        assert_eq!(others(folder.path(), &SwarmName::new("b").unwrap()), None);
         assert_eq!(find(folder.path(), None).unwrap().swarm.as_str(), "b", "the only one that answers");
     }
 

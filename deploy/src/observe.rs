@@ -97,6 +97,18 @@ pub struct VehicleView {
 }
 
 impl VehicleView {
+    /// Forgets the summary of a vehicle in contact, which sends a new one. That of a vehicle that is gone is the last.
+    fn forget_summary(&mut self) {
+        if self.alive {
+            (self.summary, self.summary_at) = (None, None);
+        }
+    }
+
+    /// Notes that the vehicle vanished while no summaries were received: it was not silent before.
+    fn vanish(&mut self, at: Instant) {
+        self.summary_at = self.summary_at.map(|summary_at| summary_at.max(at));
+    }
+
     /// What the vehicle's newest trace or summary shows, and when that arrived; of the two the one that arrived last.
     pub fn newest(&self) -> Option<(VehicleSample, Instant)> {
         let traced = self.trace.as_ref().zip(self.trace_at);
@@ -223,7 +235,8 @@ impl Observer {
     }
 
     /// Subscribes to the vehicles' summaries, or ends that subscription. A vehicle computes and sends its summary only while there
-    /// is a subscriber.
+    /// is a subscriber. With a new subscription the summaries before an interruption are forgotten: they tell nothing about now, and
+    /// their age is no silence of the vehicle.
     ///
     /// # Errors
     /// If Zenoh refuses.
@@ -231,6 +244,7 @@ impl Observer {
         if wanted && self.summaries.is_none() {
             let session = self.sessions.first();
             self.summaries = Some(self.receiver.subscribe(session, topic::all::SUMMARIES, SwarmMessage::Summary)?);
+            self.vehicles.values_mut().for_each(VehicleView::forget_summary);
         } else if !wanted {
             self.summaries = None;
         }
@@ -300,6 +314,11 @@ impl Observer {
     /// Keeps what was received. Returns false if the message is older than the kept one.
     fn take(&mut self, arrival: &ReceivedMessage) -> bool {
         let is_news = update(&mut self.vehicles, arrival);
+        if let (SwarmMessage::Vanished(id), None) = (&arrival.received, &self.summaries)
+            && let Some(view) = self.vehicles.get_mut(id)
+        {
+            view.vanish(arrival.at);
+        }
         if let (SwarmMessage::Mission(heartbeat), true) = (&arrival.received, is_news)
             && let Some(order) = heartbeat.order.filter(|order| self.is_issued(order, arrival.run))
             && let Some(view) = self.vehicles.get_mut(&heartbeat.header.sender)

@@ -222,11 +222,12 @@ export class MockSwarm {
   }
 }
 
-/** Serves the page and a swarm; `kill`, `cut` and `stop` act on them. */
-export async function serve({ port = 0, source = "live", hz = 10, orders = false, problem = null, ...of } = {}) {
+/** Serves the page and a swarm; `kill`, `cut` and `stop` act on them. With a `refusal`, `[status, text]`, no WebSocket is accepted. */
+export async function serve({ port = 0, source = "live", hz = 10, orders = false, problem = null, refusal = null, ...of } = {}) {
   const swarm = new MockSwarm(of);
   const server = createServer((request, response) => {
     const path = new URL(request.url, "http://mock").pathname;
+    if (path === "/live" && request.method === "POST") return response.writeHead(refusal?.[0] ?? 204).end(refusal?.[1]);
     const file = join(PAGE, normalize(path === "/" ? "/index.html" : path));
     if (!file.startsWith(PAGE) || !existsSync(file)) return response.writeHead(404).end();
     response.writeHead(200, {
@@ -234,7 +235,8 @@ export async function serve({ port = 0, source = "live", hz = 10, orders = false
     });
     return createReadStream(file).pipe(response);
   });
-  const sockets = new WebSocketServer({ server, path: "/live", maxPayload: 4096 });
+  const verifyClient = (_info, done) => (refusal ? done(false, refusal[0] === 204 ? 502 : refusal[0]) : done(true));
+  const sockets = new WebSocketServer({ server, path: "/live", maxPayload: 4096, verifyClient });
   let play = { speed: source === "live" ? 1 : 0, isOnce: false };
   const received = [];
   sockets.on("connection", (socket) => {
@@ -256,8 +258,9 @@ export async function serve({ port = 0, source = "live", hz = 10, orders = false
     });
   });
   const period_s = 1 / hz;
+  let isQuiet = false;
   const send = (isJump) => {
-    if (problem) return;
+    if (problem || isQuiet) return;
     const before = swarm.events.length;
     if (!isJump && play.speed > 0) swarm.advance(period_s * play.speed);
     else if (!play.isOnce) return;
@@ -278,6 +281,10 @@ export async function serve({ port = 0, source = "live", hz = 10, orders = false
     /** Sends these bytes to every page. */
     broadcast(data) {
       for (const socket of sockets.clients) socket.send(data);
+    },
+    /** Sends nothing to any page until `isQuiet` is false again; the swarm stands still. */
+    quiet(isSo) {
+      isQuiet = isSo;
     },
     /** Lets the swarm fly for so long at once. */
     skip(seconds) {

@@ -161,6 +161,111 @@ test("orders need a confirmation and show what became of them", () => withSwarm(
   assert.deepEqual(orders(), [{ type: "order", verb: "land", vehicles: ["3"], teams: null, token: "" }]);
 }));
 
+test("the past before the page was opened is unknown, and no vehicle is silent in it", () => withSwarm({ skip_s: 60 }, async ({ page }) => {
+  await page.waitForTimeout(1000);
+  const box = await page.locator("#time-bar").boundingBox();
+  await page.mouse.click(box.x + box.width / 4, box.y + box.height / 2);
+  await until("unknown", async () => /^unknown/.test(await textOf(page, "#status-text")));
+  assert.equal(await page.locator("#status").getAttribute("data-level"), "none");
+  assert.equal(await textOf(page, "#status-reasons"), "");
+  await until("links", async () => (await textOf(page, "#links-text")) === "unknown");
+  await until("row", async () => /unknown/.test(await rowOf(page, "1").textContent()));
+  assert.doesNotMatch(await rowOf(page, "1").getAttribute("class") ?? "", /gone/);
+  assert.equal(await page.locator("#table td.bad, #table td.warn").count(), 0);
+  await page.keyboard.press("Home");
+  await until("first picture", async () => /formation/.test(await rowOf(page, "1").textContent()));
+  await page.keyboard.press("End");
+  await until("now", async () => (await textOf(page, "#now")) === "live");
+}));
+
+test("a lost connection leaves a time of which nothing is known", async () => {
+  let mock = await serve({});
+  mock.skip(60);
+  const { page } = await open(browser, mock.url);
+  await until("picture", async () => (await page.locator("#table tbody tr").count()) === 4);
+  const { port, swarm } = mock;
+  await mock.stop();
+  await page.waitForTimeout(5000);
+  mock = await serve({ port });
+  mock.swarm.t_s = swarm.t_s + 5;
+  await until("live again", async () => !(await page.locator("#banner").isVisible()) && (await textOf(page, "#now")) === "live");
+  await until("unknown", async () => {
+    for (let at = 0; at < 8; at += 1) {
+      await page.keyboard.press("ArrowLeft");
+      await page.waitForTimeout(150);
+      if (/^unknown/.test(await textOf(page, "#status-text"))) return true;
+    }
+    await page.keyboard.press("End");
+    return false;
+  });
+  await page.close();
+  await mock.stop();
+});
+
+test("a healthy fleet of four teams has no partitions", () => withSwarm({ vehicles: 16, teams: 4, skip_s: 60 }, async ({ mock, page }) => {
+  await until("links", async () => /^all receive all of their team/.test(await textOf(page, "#links-text")));
+  assert.equal(await page.locator("#links-text").getAttribute("data-level"), "ok");
+  mock.swarm.cut(["3/1"]);
+  await until("partitions", async () => (await textOf(page, "#links-text")) === "team 3: 2 partitions: 3/1 | 3/2, 3/3, 3/4");
+}));
+
+test("an event from before the page was opened has its time in the flight", () => withSwarm({ skip_s: 60 }, async ({ mock, page }) => {
+  mock.swarm.events.length = 0;
+  mock.swarm.events.push({ type: "event", t_s: null, at_ms: Date.now() - 10_000, vehicle: "1", text: "at altitude", level: "info" });
+  const t_s = mock.swarm.t_s - 10;
+  await page.reload();
+  await until("time", async () => /^\d\d:\d\d$/.test(await textOf(page, "#events time")));
+  const [minutes, seconds] = (await textOf(page, "#events time")).split(":").map(Number);
+  assert.ok(Math.abs(60 * minutes + seconds - t_s) < 5, `${minutes}:${seconds}, it was at ${t_s} s`);
+}));
+
+test("map and plots are drawn anew when their size changes, also while nothing arrives", () => withSwarm({ skip_s: 60, size: { width: 390, height: 844 } }, async ({ mock, page }) => {
+  const shown = () => page.evaluate(() => [...document.querySelectorAll("canvas")].map((canvas) => {
+    const [across, down] = [canvas.width / canvas.clientWidth, canvas.height / canvas.clientHeight];
+    return { id: canvas.id, off: Math.max(across / down, down / across), size: `${canvas.clientWidth}x${canvas.clientHeight}` };
+  }));
+  await until("plots", async () => (await shown()).every(({ off }) => off < 1.02));
+  mock.quiet(true);
+  await until("banner", async () => page.locator("#banner").isVisible());
+  const check = (what) => until(what, async () => (await shown()).every(({ off }) => off < 1.02));
+  await check("with the banner");
+  await page.setViewportSize({ width: 844, height: 390 });
+  await check("on its side");
+  await page.locator("#map-panel").evaluate((panel) => (panel.style.height = "20rem"));
+  await check("a map of another height");
+  for (const id of ["map", "plot-centre", "plot-pairs", "plot-altitude"]) {
+    assert.ok((await pixelsOf(page, `#${id}`, "muted")) > 20, `${id} is drawn again`);
+  }
+}));
+
+test("every plot has room, and the legend leaves the scale free, on every screen", async () => {
+  for (const [width, height] of [[1440, 900], [1366, 650], [1024, 768], [844, 390], [740, 360], [390, 844], [360, 640]]) {
+    await withSwarm({ vehicles: 16, teams: 4, skip_s: 60, size: { width, height } }, async ({ page }) => {
+      for (const id of ["plot-centre", "plot-pairs", "plot-altitude"]) {
+        const box = await page.locator(`#${id}`).boundingBox();
+        assert.ok(box.height >= 50 && box.width >= 100, `${id} at ${width}x${height}: ${box.width} by ${box.height}`);
+      }
+      const [map, legend] = [await page.locator("#map").boundingBox(), await page.locator("#legend").boundingBox()];
+      const rem = await page.evaluate(() => parseFloat(getComputedStyle(document.documentElement).fontSize));
+      // The scale is in the lower right corner of the map, at most a quarter of it wide.
+      const left = map.x + map.width - Math.min(map.width / 4, 10 * rem) - 1.2 * rem;
+      assert.ok(legend.x + legend.width <= left || legend.y >= map.y + map.height - 1, `legend at ${width}x${height}`);
+      assert.ok((await page.evaluate(() => document.documentElement.scrollWidth)) <= width, `${width}x${height}`);
+    });
+  }
+});
+
+test("a page whose WebSocket is refused names the reason", async () => {
+  const why = "a page of 127.0.0.1 may not read this server: start the server with --name 127.0.0.1";
+  for (const [refusal, banner] of [[[403, why], why], [[421, why], why], [[204, ""], /proxy .* Upgrade and Connection/]]) {
+    const mock = await serve({ refusal });
+    const { page } = await open(browser, mock.url);
+    await until("banner", async () => (await textOf(page, "#banner")).replace(/\s+/g, " ").match(banner));
+    await page.close();
+    await mock.stop();
+  }
+});
+
 test("nothing on the page needs more room than a phone has", () => withSwarm({ skip_s: 60, size: { width: 390, height: 844 } }, async ({ page }) => {
   const width = await page.evaluate(() => document.documentElement.scrollWidth);
   assert.ok(width <= 390, `${width} px`);

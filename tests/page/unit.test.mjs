@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { readCrowd } from "../../deploy/src/view/page/connection.js";
+import { liveAddress, readCrowd, reasonOf } from "../../deploy/src/view/page/connection.js";
 import * as format from "../../deploy/src/view/page/format.js";
 import { Frame } from "../../deploy/src/view/page/frame.js";
 import { History } from "../../deploy/src/view/page/history.js";
@@ -12,8 +12,8 @@ import { Swarm } from "../../deploy/src/view/page/swarm.js";
 import { MockSwarm } from "./mock.mjs";
 
 /** A swarm of so many vehicles, as the page has it, with a picture in which `act` changed something. */
-function picture(vehicles, act) {
-  const mock = new MockSwarm({ vehicles });
+function picture(vehicles, act, teams = 1) {
+  const mock = new MockSwarm({ vehicles, teams });
   mock.advance(1);
   act?.(mock);
   mock.advance(3);
@@ -47,6 +47,21 @@ test("partitions, cuts and one-way links are found and named", () => {
   assert.match(silent.text.text, /^the others receive each other .* · no contact with 2$/);
 });
 
+test("the teams of a fleet are no partitions; those within a team are", () => {
+  const whole = picture(16, null, 4);
+  assert.deepEqual([whole.found.partitions.length, whole.found.divided, whole.text.level], [4, [], "ok"]);
+  assert.match(whole.text.text, /^all receive all of their team · oldest message/);
+  const cut = picture(12, (mock) => mock.cut(["2/1", "3/4"]), 3);
+  assert.deepEqual([cut.text.level, cut.text.text], [
+    "bad", "team 2: 2 partitions: 2/1 | 2/2, 2/3, 2/4; team 3: 2 partitions: 3/1, 3/2, 3/3 | 3/4",
+  ]);
+  const ids = cut.found.divided.map((rows) => rows.map((row) => cut.swarm.ids[cut.frame.members[row]]).join());
+  assert.deepEqual(ids.sort(), ["2/1", "2/2,2/3,2/4", "3/1,3/2,3/3", "3/4"]);
+  const silent = picture(4, (mock) => mock.kill("2/1"), 2);
+  assert.match(silent.text.text, /no contact with 2\/1$/);
+  assert.deepEqual(silent.found.divided, []);
+});
+
 test("the memory of ten minutes of fifty vehicles is thinned out and bounded", () => {
   const mock = new MockSwarm({ vehicles: 50 });
   const swarm = new Swarm(mock.hello("live"));
@@ -72,7 +87,10 @@ test("a player shows the past, catches up with the present and never leaves what
   const player = new Player(swarm, history, () => assert.fail("a live flight asks nothing of the server"));
   for (let at = 0; at <= 300; at += 1) history.add({ ...mock.snapshot([], null), at_ms: 100 * at });
   player.seek(-50);
+  assert.ok(player.frame.isUnknown, "the page was not open then");
+  player.toBegin();
   assert.equal(player.frame.key, 0);
+  assert.equal(player.frame.isUnknown, false);
   player.seek(12.34);
   assert.equal(player.frame.key, 12.3);
   player.changeSpeed(3);
@@ -90,4 +108,61 @@ test("binary positions are read only if their size agrees", () => {
   assert.equal(readCrowd(mock.crowd().slice(0, -1)), null);
   assert.equal(readCrowd(new ArrayBuffer(7)), null);
   assert.equal(readCrowd(new ArrayBuffer(16 + 17)), null);
+});
+
+test("a time of which nothing was received is unknown, before the first picture and between two", () => {
+  const mock = new MockSwarm({ vehicles: 3 });
+  mock.advance(1);
+  const swarm = new Swarm(mock.hello("live"));
+  const history = new History(swarm);
+  const player = new Player(swarm, history, () => {});
+  assert.equal(player.frame, null, "before the first picture");
+  const receive = (from, to) => {
+    for (let at = 10 * from; at <= 10 * to; at += 1) history.add({ ...mock.snapshot([], null), t_s: at / 10 - 90, at_ms: 100 * at });
+  };
+  receive(100, 110);
+  receive(175, 180);
+  const shown = (key) => {
+    player.seek(key);
+    return player.frame;
+  };
+  for (const key of [120.001, 135, 113, 174.9]) {
+    const frame = shown(key);
+    assert.ok(frame.isUnknown && player.frame === frame, `${key} s`);
+    assert.deepEqual([frame.status.level, frame.status.reasons], ["none", []]);
+    assert.match(frame.status.text, /^unknown/);
+    assert.deepEqual(describe(analyse(frame), frame, swarm), { level: "none", text: "unknown" });
+    assert.deepEqual(frame.rows.map(({ id, phase, contact }) => [id, phase, contact]), [1, 2, 3].map((id) => [`${id}`, "unknown", undefined]));
+    assert.ok(Math.abs(frame.t_s - (key - 90)) < 1e-6);
+  }
+  for (const [key, found] of [[109.96, 109.9], [110, 110], [111.5, 110], [175, 175], [178.06, 178]]) {
+    assert.ok(!shown(key).isUnknown && Math.abs(player.frame.key - found) < 0.6, `${key} s: ${player.frame.key}`);
+  }
+  assert.deepEqual(history.gaps, [[110, 175]]);
+  assert.ok(history.isBroken(109, 176) && !history.isBroken(100, 110) && !history.isBroken(175, 180));
+});
+
+test("a page that reads a large fleet knows nothing of its teams at an unknown time", () => {
+  const mock = new MockSwarm({ vehicles: 200, teams: 4 });
+  const swarm = new Swarm(mock.hello("live"));
+  const frame = Frame.unknown(swarm, 12, null);
+  assert.deepEqual([frame.members.length, frame.isInContact(7), frame.hasPosition(7), frame.t_s], [0, false, false, null]);
+});
+
+test("the WebSocket is beside the page, wherever a proxy serves it", () => {
+  const addresses = [
+    ["http://127.0.0.1:7480/", "ws://127.0.0.1:7480/live"],
+    ["https://swarm.example.com/", "wss://swarm.example.com/live"],
+    ["https://example.com/lab/swarm/", "wss://example.com/lab/swarm/live"],
+    ["https://example.com:8443/swarm/index.html?x=1#y", "wss://example.com:8443/swarm/live"],
+  ];
+  for (const [page, live] of addresses) assert.equal(liveAddress(page), live);
+});
+
+test("a refusal is named with its remedy", () => {
+  const why = "a page of a.example may not read this server: start it with --name a.example";
+  assert.deepEqual(reasonOf(403, `${why}\n`), { text: "skein view refuses this page.", remedy: why });
+  assert.equal(reasonOf(421, why).remedy, why);
+  assert.match(reasonOf(204, "").remedy, /proxy .* Upgrade and Connection/);
+  for (const status of [200, 404, 405, 500, 502]) assert.equal(reasonOf(status, "x"), null);
 });

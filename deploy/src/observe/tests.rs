@@ -66,6 +66,23 @@ fn a_vehicle_is_alive_from_its_appearance_to_its_disappearance() {
 }
 
 #[test]
+fn the_silence_of_a_vehicle_does_not_begin_before_it_vanished_or_was_asked() {
+    let zero = clock::now();
+    let at = |s: u64| zero + Duration::from_secs(s);
+    let mut view = VehicleView { alive: true, summary_at: Some(at(10)), ..VehicleView::default() };
+    view.vanish(at(70));
+    assert_eq!(view.summary_at, Some(at(70)), "no summaries were asked for since 10 s");
+    view.alive = false;
+    view.forget_summary();
+    assert_eq!(view.summary_at, Some(at(70)), "the last of a vehicle that is gone");
+    view.alive = true;
+    view.forget_summary();
+    assert_eq!(view.summary_at, None, "the next one is new");
+    view.vanish(at(80));
+    assert_eq!(view.summary_at, None);
+}
+
+#[test]
 fn a_vehicle_makes_its_trace_only_for_a_subscriber() {
     let swarm = SwarmName::new(format!("steps-{}", std::process::id())).unwrap();
     let id = VehicleId::new(1).unwrap();

@@ -7,6 +7,7 @@ use std::time::Instant;
 use serde::Serialize;
 use skein_common::id::VehicleName;
 use skein_common::message::Severity;
+use skein_host::clock;
 use skein_lab::record::PlayedEvent;
 
 use super::snapshot::rounded;
@@ -26,7 +27,11 @@ pub(super) enum EventLevel {
 /// An event as the page receives it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Event {
+    /// Time of the flight, s; `None` if that is not known.
     pub(super) t_s: Option<f64>,
+    /// When it arrived at this server, ms since 1970; `None` in a recording.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) at_ms: Option<u64>,
     pub(super) vehicle: Option<String>,
     pub(super) text: String,
     pub(super) level: EventLevel,
@@ -61,7 +66,7 @@ pub(super) fn news(event: Event) -> String {
 impl From<&PlayedEvent> for Event {
     fn from(PlayedEvent { t_s, vehicle, text, severity, .. }: &PlayedEvent) -> Self {
         let vehicle = vehicle.map(|name| name.to_string());
-        Self { t_s: Some(rounded(*t_s)), vehicle, text: text.clone(), level: (*severity).into() }
+        Self { t_s: Some(rounded(*t_s)), at_ms: None, vehicle, text: text.clone(), level: (*severity).into() }
     }
 }
 
@@ -130,8 +135,14 @@ impl EventLog {
                 None => -zero.saturating_duration_since(at).as_secs_f64(),
             })
         };
+        let (now, utc_ms) = (clock::now(), clock::utc_nanoseconds() / 1_000_000);
+        let at_ms = |at: Instant| {
+            let ago_ms = now.saturating_duration_since(at).as_millis();
+            utc_ms.saturating_sub(u64::try_from(ago_ms).unwrap_or(u64::MAX))
+        };
         let shown = |entry: &Entry| Event {
             t_s: t_s(entry.at).map(rounded),
+            at_ms: Some(at_ms(entry.at)),
             vehicle: Some(entry.vehicle.to_string()),
             text: entry.text.clone(),
             level: entry.severity.into(),
@@ -142,5 +153,29 @@ impl EventLog {
     /// No holder can panic, so poisoning is ignored.
     fn kept(&self) -> MutexGuard<'_, Kept> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use skein_common::id::VehicleId;
+
+    use super::*;
+
+    #[test]
+    fn an_event_before_the_flight_time_is_known_has_the_time_of_its_arrival() {
+        let log = EventLog::default();
+        let before = clock::now() - Duration::from_secs(60);
+        let name = VehicleName::from(VehicleId::new(1).unwrap());
+        log.add(before, name, "at altitude".to_owned(), Severity::Info);
+        let now_ms = clock::utc_nanoseconds() / 1_000_000;
+        let (events, next) = log.since(0, None);
+        let at_ms = events[0].at_ms.unwrap();
+        assert_eq!((next, events[0].t_s), (1, None));
+        assert!((now_ms..now_ms + 30_000).contains(&(at_ms + 60_000)), "{at_ms} {now_ms}");
+        let (events, _) = log.since(0, Some(before - Duration::from_secs(5)));
+        assert_eq!(events[0].t_s, Some(5.0));
     }
 }

@@ -15,6 +15,7 @@ use skein_common::message::Severity;
 use skein_common::scenario::Described;
 use skein_host::clock;
 use skein_lab::error::Error;
+use skein_lab::terminal::complain;
 use tokio::sync::watch;
 
 use super::events::EventLog;
@@ -24,6 +25,7 @@ use super::hello::{self, OrderRule, SourceKind, Span};
 use super::snapshot::{ObservedVehicle, Snapshot, Team, add_nearest, team_place, vehicles};
 use super::verdict::{self, Judged};
 use crate::display::status::Known;
+use crate::endpoints;
 use crate::keys::Role;
 use crate::observe::{Observer, Observers, SwarmMessage, TraceSubscription};
 use crate::reach::{Place, Reach, SwarmArgs};
@@ -34,6 +36,8 @@ const PERIOD: Duration = Duration::from_millis(100);
 const RETRY: Duration = Duration::from_secs(1);
 /// A swarm of which no agent has answered for this long is reported.
 const SILENT_AFTER: Duration = Duration::from_secs(3);
+/// The vehicles' summaries may take this long after a page has opened: only then a vehicle without one is shown without.
+const SUMMARIES_WITHIN: Duration = Duration::from_secs(2);
 
 /// Why nothing can be shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -91,17 +95,24 @@ impl Frame {
     }
 }
 
-/// Watches the swarm that `swarm` chooses for what receives the `frames` and for Foxglove, until `is_over`. `orders` is what the
-/// pages receive about orders.
-pub(super) fn watch(
-    swarm: SwarmArgs,
-    orders: OrderRule,
-    frames: &watch::Sender<Arc<Frame>>,
-    foxglove: Option<foxglove::Live>,
-    is_over: impl Fn() -> bool,
-) {
+/// What is watched, and for whom besides the pages.
+pub(super) struct Watch {
+    /// Chooses the swarm.
+    pub(super) swarm: SwarmArgs,
+    /// What the pages receive about orders.
+    pub(super) orders: OrderRule,
+    pub(super) foxglove: Option<foxglove::Live>,
+    /// What keeps the pages empty is written to stderr too.
+    pub(super) is_reported: bool,
+}
+
+/// Watches a swarm for what receives the `frames` and for Foxglove, until `is_over`.
+pub(super) fn watch(watch: Watch, frames: &watch::Sender<Arc<Frame>>, is_over: impl Fn() -> bool) {
+    let Watch { swarm, orders, foxglove, is_reported } = watch;
     let (events, next_try) = (Arc::default(), clock::now());
-    let mut watcher = Watcher { swarm, orders, events, number: 0, watched: None, problem: None, next_try, foxglove };
+    let report = is_reported.then(Report::default);
+    let mut watcher =
+        Watcher { swarm, orders, events, number: 0, watched: None, problem: None, next_try, foxglove, report };
     let mut next = clock::now();
     while !is_over() {
         let now = clock::now();
@@ -122,6 +133,38 @@ struct Watcher {
     problem: Option<Problem>,
     next_try: Instant,
     foxglove: Option<foxglove::Live>,
+    /// What was written to stderr, if it is to be.
+    report: Option<Report>,
+}
+
+/// What the operator at the terminal knows of what keeps the pages empty.
+#[derive(Debug, Default)]
+struct Report {
+    /// The present problem, and since when.
+    present: Option<(Problem, Instant)>,
+    /// The problem was written.
+    is_written: bool,
+}
+
+impl Report {
+    /// Takes in the present problem. Returns what is to be written: a problem that lasts, and its end.
+    fn take(&mut self, problem: Option<&Problem>, now: Instant) -> Option<String> {
+        let Some(problem) = problem else {
+            self.present = None;
+            return std::mem::take(&mut self.is_written).then(|| "the swarm answers".to_owned());
+        };
+        match &self.present {
+            Some((present, since)) if present == problem => {
+                let is_due = !self.is_written && now.saturating_duration_since(*since) >= SILENT_AFTER;
+                self.is_written |= is_due;
+                is_due.then(|| format!("{}; {}", problem.text, problem.remedy))
+            }
+            _ => {
+                (self.present, self.is_written) = (Some((problem.clone(), now)), false);
+                None
+            }
+        }
+    }
 }
 
 /// A swarm that was found.
@@ -134,6 +177,12 @@ struct Watched {
     /// When an agent was last in contact, or the swarm was found.
     answered: Instant,
     zero: Option<Instant>,
+    /// Since when pages want pictures, if they do.
+    wanted: Option<Instant>,
+    /// Since then enough has arrived for the first picture.
+    is_complete: bool,
+    /// Other swarms of this PC, looked for while no agent of this one answers.
+    others: Option<String>,
 }
 
 impl Watcher {
@@ -145,8 +194,13 @@ impl Watcher {
             if is_other {
                 self.find(now);
             }
+            if let (Some(watched), Some(_)) = (&mut self.watched, &self.problem) {
+                watched.look_for_others();
+            }
         }
         self.take(now);
+        let news = self.report.as_mut().and_then(|report| report.take(self.problem.as_ref(), now));
+        news.iter().for_each(|line| complain(line));
         if let Some(foxglove) = &mut self.foxglove {
             foxglove.look(now, self.problem.as_ref().map(|Problem { text, remedy }| format!("{text}: {remedy}")));
         }
@@ -192,12 +246,13 @@ impl Watcher {
         let Some(watched) = &mut self.watched else { return Frame { events, problem, ..Frame::default() } };
         let hello = Some((watched.hello.clone(), self.number));
         let place = Some(Arc::clone(&watched.place));
+        watched.wanted = watched.wanted.filter(|_| is_wanted).or(is_wanted.then_some(now));
         for observer in watched.observers.each() {
             if let Err(error) = observer.subscribe_to_summaries(is_wanted) {
                 tracing::warn!("cannot subscribe to the summaries: {error}");
             }
         }
-        if !is_wanted {
+        if !watched.has_summaries(now) {
             return Frame { hello, events, problem, zero: watched.zero, place, ..Frame::default() };
         }
         let (snapshot, observed) = watched.snapshot(now);
@@ -226,9 +281,30 @@ impl Watched {
         let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
         let observers = Observers::open(&reaches, TraceSubscription::Off)?;
         let hello = hello::hello(&teams, SourceKind::Live, place.swarm().as_str(), Span::default(), orders).into();
-        let (teams, zero) = (Arc::new(teams), None);
-        let watched = Self { place, reaches, observers, teams, hello, answered: now, zero };
+        let (teams, zero, wanted) = (Arc::new(teams), None, None);
+        let (answered, is_complete, others) = (now, false, None);
+        let watched = Self { place, reaches, observers, teams, hello, answered, zero, wanted, is_complete, others };
         Ok((watched, described))
+    }
+
+    /// Looks for other swarms of this PC, which the operator may have meant.
+    fn look_for_others(&mut self) {
+        if let Place::Here(there) = &*self.place {
+            self.others = endpoints::others(&endpoints::folder(), &there.swarm);
+        }
+    }
+
+    /// Whether every vehicle in contact has sent its summary since pages want pictures, or had the time to: a vehicle that was not
+    /// asked before is not silent.
+    fn has_summaries(&mut self, now: Instant) -> bool {
+        let Some(wanted) = self.wanted else {
+            self.is_complete = false;
+            return false;
+        };
+        let mut there = self.observers.views().filter(|(_, view)| view.alive).peekable();
+        let have_all = there.peek().is_some() && there.all(|(_, view)| view.newest().is_some());
+        self.is_complete |= have_all || now.saturating_duration_since(wanted) >= SUMMARIES_WITHIN;
+        self.is_complete
     }
 
     /// Takes in what the vehicles have sent, and keeps what happened to them.
@@ -276,7 +352,10 @@ impl Watched {
         let first = self.reaches.iter().find_map(|reach| reach.agents.values().next());
         let at = first.map_or_else(String::new, |first| format!(" at {first} and its other addresses"));
         let remedy = match &*self.place {
-            Place::Here(_) => format!("start it with `skein fly`, or see what became of it in {}", self.log_folder()),
+            Place::Here(_) => {
+                let others = self.others.as_ref().map_or_else(String::new, |others| format!("; {others}"));
+                format!("start it with `skein fly`, or see what became of it in {}{others}", self.log_folder())
+            }
             Place::Cluster(_) => "`skein cluster status` shows which nodes run".to_owned(),
         };
         Problem { text: format!("no agent of {title} answers{at}"), remedy }
@@ -335,4 +414,29 @@ fn flown_s(observed: &[Vec<ObservedVehicle>]) -> Option<f64> {
     let mut all: Vec<f64> = observed.iter().flatten().filter_map(flown).collect();
     all.sort_by(f64::total_cmp);
     all.get(all.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_problem_that_lasts_is_reported_once_and_its_end_too() {
+        let mut report = Report::default();
+        let zero = clock::now();
+        let at = |s: u64| zero + Duration::from_secs(s);
+        let problem = |text: &str| Some(Problem { text: text.to_owned(), remedy: "start it".to_owned() });
+        let mut take = |problem: Option<Problem>, s: u64| report.take(problem.as_ref(), at(s));
+        assert_eq!(take(None, 0), None);
+        assert_eq!(take(problem("no swarm"), 1), None);
+        assert_eq!(take(problem("no swarm"), 3), None, "it may be about to begin");
+        assert_eq!(take(problem("no swarm"), 4).as_deref(), Some("no swarm; start it"));
+        assert_eq!(take(problem("no swarm"), 60), None, "once");
+        assert_eq!(take(problem("no agent"), 61), None);
+        assert_eq!(take(problem("no agent"), 64).as_deref(), Some("no agent; start it"));
+        assert_eq!(take(None, 65).as_deref(), Some("the swarm answers"));
+        assert_eq!(take(None, 66), None);
+        assert_eq!(take(problem("no agent"), 67), None);
+        assert_eq!(take(None, 68), None, "a problem that was not reported ends unreported");
+    }
 }

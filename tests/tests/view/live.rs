@@ -14,7 +14,7 @@ use skein_common::id::SwarmName;
 use skein_common::message::Trace;
 use skein_common::topic::Branch;
 use skein_tests::hostile_pages::HostileClients;
-use skein_tests::page_client::{Received, Socket};
+use skein_tests::page_client::{Received, Socket, request};
 
 use super::{Place, number};
 
@@ -146,7 +146,10 @@ fn a_live_swarm_is_shown_where_it_is_and_a_killed_vehicle_becomes_a_ghost() {
     let peers = vehicle(&page.snapshot(), "1")["peers"].as_array().unwrap().clone();
     assert!(peers.len() == 3 && peers.iter().all(|peer| peer[2] == "fresh"), "{peers:?}");
     #[cfg(target_os = "linux")]
-    the_table_on_a_terminal_shows(&place, "ghost", 4);
+    {
+        the_table_on_a_terminal_shows(&place, "ghost", 4);
+        a_terminal_that_obeys_no_escape_sequences_gets_lines(&place, "ghost");
+    }
 
     let mut other = Socket::open(server.address);
     other.wait_for("hello", |message| message["type"] == "hello");
@@ -190,6 +193,136 @@ fn the_table_on_a_terminal_shows(place: &Place, swarm: &str, vehicles: usize) {
     }
     child.stdin.as_mut().unwrap().write_all(b"q").unwrap();
     assert!(child.wait().unwrap().success(), "the key q ends it");
+}
+
+/// `skein view --terminal` on a terminal that names itself dumb: lines as in a file.
+#[cfg(target_os = "linux")]
+fn a_terminal_that_obeys_no_escape_sequences_gets_lines(place: &Place, swarm: &str) {
+    let typed = place.path("dumb");
+    let command = format!("exec {} view --terminal --swarm {swarm}", super::PROGRAM);
+    let mut terminal = std::process::Command::new("script");
+    terminal.args(["--quiet", "--return", "--flush", "--command", &command]).arg(&typed);
+    terminal.env("XDG_RUNTIME_DIR", place.path("runtime")).env("TERM", "dumb");
+    let mut child = terminal.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let until = Instant::now() + Duration::from_secs(30);
+    let text = || String::from_utf8_lossy(&fs::read(&typed).unwrap_or_default()).into_owned();
+    while !text().contains("/4 in formation") {
+        assert!(Instant::now() < until, "{}", text());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert!(!text().contains('\u{1b}'), "{:?}", text());
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+/// The lines that a process writes, as they come.
+fn lines_of(output: impl std::io::Read + Send + 'static) -> std::sync::mpsc::Receiver<String> {
+    let (sender, lines) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let all = std::io::BufRead::lines(std::io::BufReader::new(output)).map_while(Result::ok);
+        all.into_iter().try_for_each(|line| sender.send(line))
+    });
+    lines
+}
+
+#[test]
+fn a_page_that_opens_again_shows_no_vehicle_as_silent_and_a_missing_swarm_is_reported_with_those_that_fly() {
+    let place = Place::new();
+    let server = place.view(&["--swarm", "again"]);
+    let flight = Flight::of(&place, "again", 2);
+    let mut page = Socket::open(server.address);
+    page.wait_for("formation", |message| is_formation_of(message, &["1", "2"]));
+    drop(page);
+
+    // Meanwhile: a swarm of another name is not there, and this one is named.
+    let mut command = place.command();
+    command.args(["view", "--swarm", "agian", "--listen", "127.0.0.1:0"]);
+    let mut other = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let lines = lines_of(other.stderr.take().unwrap());
+    let is_report = |line: &String| line.starts_with("no swarm named agian flies here");
+    let report = std::iter::from_fn(|| lines.recv_timeout(Duration::from_secs(60)).ok()).find(is_report).unwrap();
+    assert!(report.contains("; swarm again flies here: --swarm again names it; "), "{report}");
+    assert!(other.try_wait().unwrap().is_none(), "it keeps waiting");
+    other.kill().unwrap();
+    other.wait().unwrap();
+
+    let mut page = Socket::open(server.address);
+    let past = page.wait_for("events", |message| message["type"] == "events");
+    let past = past["events"].as_array().unwrap();
+    assert!(!past.is_empty() && past.iter().all(|event| event["at_ms"].is_u64()), "{past:?}");
+    for _ in 0..20 {
+        let snapshot = page.snapshot();
+        for id in ["1", "2"] {
+            let shown = vehicle(&snapshot, id);
+            assert!(shown["contact"] == true && number(&shown["silent_s"]) < 3.0, "{snapshot}");
+        }
+        assert!(!snapshot["status"].to_string().contains("silent"), "{snapshot}");
+    }
+    flight.end();
+}
+
+fn is_formation_of(message: &Value, ids: &[&str]) -> bool {
+    message["type"] == "snapshot" && ids.iter().all(|id| vehicle(message, id)["phase"] == "formation")
+}
+
+#[test]
+fn the_server_prints_addresses_that_others_can_use_and_blames_the_option_that_named_a_used_port() {
+    let place = Place::new();
+    let mut command = place.command();
+    command.args(["view", "--swarm", "absent", "--listen", "0.0.0.0:0"]);
+    let mut view = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    let lines = lines_of(view.stdout.take().unwrap());
+    let mut all = Vec::new();
+    while all.last().is_none_or(|line: &String| !line.starts_with("http://127.0.0.1:")) {
+        all.push(lines.recv_timeout(Duration::from_secs(60)).unwrap());
+    }
+    assert!(all.iter().all(|line| line.starts_with("http://") && !line.contains("0.0.0.0")), "{all:?}");
+    let port = all.last().unwrap().rsplit_once(':').unwrap().1.to_owned();
+    for line in &all {
+        let address: SocketAddr = line.strip_prefix("http://").unwrap().parse().unwrap();
+        Socket::open(address);
+    }
+    let used = format!("127.0.0.1:{port}");
+    let refused = |args: &[&str]| {
+        let output = place.command().args(args).output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let text = refused(&["view", "--swarm", "absent", "--listen", &used]);
+    assert!(text.starts_with(&format!("--listen {used}: ")) && text.contains("choose another port"), "{text}");
+    let out = place.path("out").display().to_string();
+    let text = refused(&["fly", "--view", &used, "--set", "swarm.vehicles=1", "--out", &out]);
+    assert!(text.contains(&format!("--view {used}: ")) && !text.contains("--listen"), "{text}");
+    view.kill().unwrap();
+    view.wait().unwrap();
+}
+
+#[test]
+fn the_server_answers_under_its_names_in_every_spelling_and_names_the_option_for_others() {
+    let place = Place::new();
+    let server = place.view(&["--swarm", "absent", "--name", "swarm.example.com", "--name", "10.0.0.9"]);
+    let get = |host: &str| request(server.address, &format!("GET / HTTP/1.1\r\nHost: {host}\r\n")).unwrap();
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let own = match host.trim() {
+        "" => Vec::new(),
+        host => vec![host.to_owned(), host.to_uppercase(), format!("{}.local", host.split('.').next().unwrap())],
+    };
+    let given = ["LOCALHOST:7480", "localhost.", "swarm.example.com", "Swarm.Example.Com.:443", "10.0.0.9"];
+    for host in given.map(str::to_owned).into_iter().chain(own) {
+        assert!(get(&host).starts_with("HTTP/1.1 200 "), "{host}: {}", get(&host));
+    }
+    let refused = get("other.example.com");
+    assert!(refused.starts_with("HTTP/1.1 421 ") && refused.contains("--name other.example.com"), "{refused}");
+    let foreign = Socket::open_with(server.address, "Origin: https://other.example.com\r\n").err().unwrap();
+    assert!(foreign.starts_with("HTTP/1.1 403 "), "{foreign}");
+    Socket::open_with(server.address, "Origin: https://swarm.example.com\r\n").unwrap();
+    let ask = |origin: &str| {
+        let lines = format!("POST /live HTTP/1.1\r\nHost: localhost\r\nOrigin: {origin}\r\nContent-Length: 0\r\n");
+        request(server.address, &lines).unwrap()
+    };
+    let refused = ask("https://other.example.com");
+    assert!(refused.starts_with("HTTP/1.1 403 ") && refused.contains("--name other.example.com"), "{refused}");
+    assert!(ask("https://swarm.example.com").starts_with("HTTP/1.1 204 "));
 }
 
 #[test]

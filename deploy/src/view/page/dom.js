@@ -52,9 +52,16 @@ export function contextOf(canvas) {
 
 // The sizes of canvases are observed: to ask for them would make the browser lay out the page in the middle of a frame.
 const sizes = new WeakMap();
+let resized = () => {};
 const observer = new ResizeObserver((entries) => {
   for (const { target } of entries) sizes.set(target, [target.clientWidth, target.clientHeight]);
+  resized();
 });
+
+/** Lets `handler()` know that a canvas has another size: until it is drawn again, its old picture is stretched. */
+export function onResize(handler) {
+  resized = handler;
+}
 
 function sizeOf(canvas) {
   if (!sizes.has(canvas)) {

@@ -28,8 +28,8 @@ export class Events {
     events.forEach((event) => this.add(event));
   }
 
-  add({ t_s, vehicle, text, level }) {
-    const event = { t_s: t_s ?? null, arrived: Date.now() / 1000, vehicle: String(vehicle ?? ""), text: String(text), level };
+  add({ t_s, at_ms, vehicle, text, level }) {
+    const event = { t_s: t_s ?? null, arrived: (at_ms ?? Date.now()) / 1000, vehicle: String(vehicle ?? ""), text: String(text), level };
     this.all.push(event);
     if (this.all.length > MOST_EVENTS) this.all.shift();
     this.version = (this.version ?? 0) + 1;
@@ -41,16 +41,24 @@ export class Events {
     return event.t_s === null || offset === null ? event.arrived : event.t_s + offset;
   }
 
+  /** When an event was in the flight, s; `null` if that is not known. */
+  time(event, history) {
+    if (event.t_s !== null || history.offset_s === null) return event.t_s;
+    return event.arrived - history.offset_s;
+  }
+
   /** Draws the events up to the time of the picture; of selected vehicles only, if there are some. */
   draw({ history, player, swarm, selected }) {
     const until = player.position + 0.5;
     const chosen = new Set([...selected].map((index) => swarm.ids[index]));
     const seen = this.all.filter((event) => this.key(event, history) <= until && concerns(event, chosen));
-    const shown = [this.version, seen.length, ...chosen].join();
+    const offset = history.offset_s;
+    // Before a first time of flight was received, the times of events are not known.
+    const shown = [this.version, seen.length, offset === null ? "" : Math.round(offset), ...chosen].join();
     if (shown === this.shown) return;
     this.shown = shown;
     setText(byId("events-filter"), chosen.size ? `of ${format.ids(chosen, 4)}` : "");
-    const lines = grouped(seen).slice(-MOST_LINES).reverse();
+    const lines = grouped(seen, (event) => this.key(event, history)).slice(-MOST_LINES).reverse();
     this.list.replaceChildren(...lines.map((line) => this.line(line, swarm, history)));
   }
 
@@ -61,7 +69,7 @@ export class Events {
     const object = objects.size > 1 ? plural.replace(/vehicle \S+$/, format.count(objects.size, "vehicle")) : plural;
     const line = element(
       "li", { className: level, title: vehicles.size > 1 ? `vehicles ${format.ids(vehicles)}` : "" },
-      element("time", { textContent: first.t_s === null ? "–" : format.time(first.t_s) }),
+      element("time", { textContent: format.time(this.time(first, history)) }),
       element("b", { textContent: subject }), " ", element("span", { textContent: object }),
     );
     line.addEventListener("click", () => this.seek(this.key(first, history)));
@@ -80,13 +88,13 @@ function concerns({ vehicle, text }, chosen) {
   return other !== undefined && chosen.has(other);
 }
 
-/** Joins the same events of several vehicles, also those about several other vehicles. */
-export function grouped(events) {
+/** Joins the same events of several vehicles, also those about several other vehicles; `keyOf(event)` is when it was. */
+export function grouped(events, keyOf) {
   const lines = [];
   const open = new Map();
   for (const event of events) {
     const key = `${event.level} ${event.text.replace(/vehicle \S+$/, "vehicle")}`;
-    const t = event.t_s ?? event.arrived;
+    const t = keyOf(event);
     let line = open.get(key);
     if (!line || Math.abs(t - line.last) > TOGETHER_S) {
       line = { first: event, vehicles: new Set(), objects: new Set(), text: event.text, level: event.level };

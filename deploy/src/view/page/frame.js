@@ -23,6 +23,7 @@ export class Frame {
     this.t_s = snapshot.t_s ?? null;
     /** Position in the history, s: the server's clock if live, else the time of the recording. */
     this.key = swarm.isLive ? (snapshot.at_ms ?? Date.now()) / 1000 : (snapshot.t_s ?? 0);
+    this.isUnknown = false;
     this.status = snapshot.status ?? null;
     this.field = snapshot.field ?? null;
     this.teams = snapshot.teams ?? null;
@@ -33,12 +34,23 @@ export class Frame {
     this.safety_m = known.find(({ formation }) => formation)?.formation.safety_distance_m ?? swarm.safety_m;
     /** Places in the swarm of those with details: all of a small swarm. */
     this.members = Int32Array.from(known, ({ id }) => swarm.index.get(String(id)));
+    /** Place of the team of each of them. */
+    this.memberTeams = Int32Array.from(this.members, (index) => swarm.teamIndex[index]);
     this.readLinks(swarm, known);
     this.readPositions(swarm, known, crowd);
     this.distance = Float32Array.from(known, ({ distance_m }) => distance_m ?? NaN);
     this.nearest = Float32Array.from(known, ({ nearest_m }) => nearest_m ?? NaN);
     for (const row of known) delete row.peers;
     this.summarise(swarm);
+  }
+
+  /** The picture of a time of which nothing was received: everything in it is unknown. */
+  static unknown(swarm, key, t_s) {
+    const vehicles = swarm.isLarge ? [] : swarm.ids.map((id) => ({ id, phase: "unknown" }));
+    const status = { level: "none", text: "unknown: this page received nothing at this time", reasons: [] };
+    const frame = new Frame(swarm, { t_s, at_ms: 1000 * key, status, vehicles }, null);
+    frame.isUnknown = true;
+    return frame;
   }
 
   /** Sums up what the plots of many vehicles show. */

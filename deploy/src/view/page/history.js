@@ -6,6 +6,8 @@ const KEPT_S = 600;
 /** Younger pictures are all kept; of older ones two a second. */
 const WHOLE_S = 30;
 const THINNED_S = 0.5;
+/** With no picture for so long, nothing is known of the time between, s: a live server sends ten a second. */
+const GAP_S = 2;
 /** Large swarms look back less far rather than fill the memory. */
 const KEPT_BYTES = 160e6;
 
@@ -18,6 +20,10 @@ export class History {
     this.newest = null;
     this.bytes = 0;
     this.thinned = -Infinity;
+    /** Times of which a live flight's page received nothing, between the pictures: `[from, to]` in the order of keys. */
+    this.gaps = [];
+    /** The oldest pictures were forgotten. */
+    this.hasForgotten = false;
   }
 
   /** Takes up a snapshot. */
@@ -30,6 +36,8 @@ export class History {
     } else {
       this.frames.splice(at, 0, frame);
     }
+    const before = this.frames[at - 1];
+    if (this.swarm.isLive && before && frame.key - before.key > GAP_S) this.gaps.push([before.key, frame.key]);
     this.newest = frame;
     if (Math.abs(frame.key - this.thinned) >= 1) {
       this.thinned = frame.key;
@@ -44,7 +52,10 @@ export class History {
     let bytes = 0;
     this.frames = this.frames.filter((frame) => {
       const distance = Math.abs(key - frame.key);
-      if (distance > KEPT_S) return false;
+      if (distance > KEPT_S) {
+        this.hasForgotten ||= this.swarm.isLive;
+        return false;
+      }
       if (distance > WHOLE_S) {
         if (frame.key - last < THINNED_S - 0.01) return false;
         frame.pack();
@@ -58,6 +69,13 @@ export class History {
       const dropped = key - first.key >= end.key - key ? this.frames.shift() : this.frames.pop();
       bytes -= dropped.bytes;
     }
+    const first = this.frames[0]?.key;
+    this.gaps = this.gaps.filter(([, to]) => to > first);
+  }
+
+  /** Whether something between these keys is unknown. */
+  isBroken(from, to) {
+    return this.gaps.some((gap) => from <= gap[0] && gap[1] <= to);
   }
 
   /** Number of pictures up to and with this key. */
@@ -71,9 +89,12 @@ export class History {
     return low;
   }
 
-  /** The picture at this key: the last one up to it, or the first of all. */
+  /** The picture at this key: the last one up to it; `null` if nothing was received of that time. */
   at(key) {
-    return this.frames[Math.max(0, this.after(key) - 1)] ?? null;
+    const found = this.frames[this.after(key) - 1];
+    // Who looks at the oldest picture keeps seeing the oldest one.
+    if (!found) return this.hasForgotten ? (this.frames[0] ?? null) : null;
+    return this.gaps.some(([from, to]) => from + GAP_S < key && key < to && found.key <= from) ? null : found;
   }
 
   /** The pictures with keys from `from` to `to`, both included. */

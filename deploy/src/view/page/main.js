@@ -12,7 +12,7 @@
 
 import { Connection } from "./connection.js";
 import { Detail } from "./detail.js";
-import { byId, setText, show } from "./dom.js";
+import { byId, onResize, setText, show } from "./dom.js";
 import { Events } from "./events.js";
 import * as format from "./format.js";
 import { History } from "./history.js";
@@ -64,10 +64,12 @@ class Page {
     });
     const theme = startTheme(byId("theme-button"), () => this.schedule.request(true));
     this.plan();
+    onResize(() => this.schedule.request(true));
     this.listen(theme);
     this.connection = new Connection({
       open: () => this.opened(),
       closed: (retry_s) => this.closed(retry_s),
+      refused: (problem) => this.refused(problem),
       message: (message) => this.receive(message),
       crowd: (crowd) => (this.crowd = crowd),
     });
@@ -92,7 +94,7 @@ class Page {
       theme,
       toggle: () => this.control((player) => player.toggle()),
       now: () => this.control((player) => player.toNow()),
-      begin: () => this.control((player) => player.seek(player.range[0])),
+      begin: () => this.control((player) => player.toBegin()),
       step: (seconds) => this.control((player) => player.step(seconds)),
       faster: (places) => this.control((player) => player.changeSpeed(places)),
       next: (places) => this.selectNext(places),
@@ -110,10 +112,18 @@ class Page {
   opened() {
     this.received_ms = performance.now();
     this.banner.set("connection", null);
+    this.banner.set("refused", null);
+  }
+
+  /** Shows why the server refuses this page; `null` if it does not. */
+  refused(problem) {
+    this.banner.set("refused", problem);
+    if (problem) this.banner.set("connection", null);
   }
 
   closed(retry_s) {
     this.received_ms = null;
+    if (this.banner.has("refused")) return;
     const remedy = `Trying again in ${format.number(retry_s, 1)} s. The swarm flies on without this page.`;
     this.banner.set("connection", { text: "Connection to skein view lost.", remedy });
     this.banner.set("quiet", null);
@@ -204,7 +214,7 @@ class Page {
 
   drawReception(scene) {
     const { swarm, frame, reception } = scene;
-    const isWhole = frame.members.length === swarm.vehicles.length;
+    const isWhole = frame.isUnknown || frame.members.length === swarm.vehicles.length;
     const found = isWhole ? describe(reception, frame, swarm) : { level: "none", text: partText(frame) };
     // An overview without details needs no room for them.
     document.body.classList.toggle("overview", swarm.isLarge && frame.members.length === 0);

@@ -3,7 +3,7 @@
 import { colours, font } from "./theme.js";
 import * as format from "./format.js";
 
-/** Draws the grid, its scale and north. */
+/** Draws the grid and north. */
 export function drawGrid(context, camera) {
   const rem = colours.rem;
   const step_m = format.tickStep(camera.m_px * Math.max(camera.width, camera.height), 9);
@@ -39,7 +39,6 @@ export function drawGrid(context, camera) {
     if (y > 5.5 * rem && y < camera.height - 3 * rem) context.fillText(axisText(at), camera.width - 5, y - 2);
   }
   drawNorth(context, camera.width - 1.4 * rem, 2.1 * rem);
-  drawScale(context, camera, step_m);
 }
 
 function axisText(at) {
@@ -62,8 +61,12 @@ function drawNorth(context, x, y) {
   context.fillText("N", x, y + 0.4 * rem);
 }
 
-function drawScale(context, camera, step_m) {
+/** Draws the scale, beside which the style sheet keeps the legend. */
+export function drawScale(context, camera) {
   const rem = colours.rem;
+  const most_m = Math.min(0.25 * camera.width, 10 * rem) * camera.m_px;
+  const power = 10 ** Math.floor(Math.log10(most_m));
+  const step_m = [5, 2, 1].map((factor) => factor * power).find((step) => step <= most_m) ?? power;
   const length = step_m / camera.m_px;
   const [x, y] = [camera.width - 1.2 * rem - length, camera.height - 1.1 * rem];
   context.strokeStyle = colours.muted;
@@ -78,7 +81,11 @@ function drawScale(context, camera, step_m) {
   context.font = font(0.78);
   context.textAlign = "center";
   context.textBaseline = "bottom";
-  context.fillText(`${step_m.toLocaleString("en")} m`, x + length / 2, y - 4);
+  const text = `${step_m.toLocaleString("en")} m`;
+  context.strokeStyle = colours.ground;
+  context.lineWidth = 3;
+  context.strokeText(text, x + length / 2, y - 4);
+  context.fillText(text, x + length / 2, y - 4);
 }
 
 function trace(context, camera, points, isClosed) {
@@ -208,4 +215,13 @@ export function drawFormation(context, camera, formation, centre, isFaint) {
   context.lineTo(x, y + 6);
   context.stroke();
   context.globalAlpha = 1;
+}
+
+/** Draws that nothing is known of the time of the picture. */
+export function drawUnknown(context, camera) {
+  context.font = font(1.05, 600);
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.fillStyle = colours.muted;
+  context.fillText("nothing was received at this time", camera.width / 2, camera.height / 2);
 }

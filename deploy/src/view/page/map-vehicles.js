@@ -31,7 +31,10 @@ export function drawTrails(context, camera, history, frame, swarm, selected) {
       context.globalAlpha = isAnyChosen && !selected.has(index) ? 0.3 * strength : strength;
       context.beginPath();
       let isDown = false;
-      for (const { north, east } of points) {
+      let before = null;
+      for (const { key, north, east } of points) {
+        if (before !== null && history.isBroken(before, key)) isDown = false;
+        before = key;
         if (!Number.isFinite(north[index])) {
           isDown = false;
           continue;

@@ -5,7 +5,7 @@ import { byId, contextOf, element, setText, show } from "./dom.js";
 import * as format from "./format.js";
 import { FAILED, doing } from "./frame.js";
 import { drawCrowd, drawTeams } from "./map-crowd.js";
-import { drawFence, drawFormation, drawGrid, drawMission } from "./map-ground.js";
+import { drawFence, drawFormation, drawGrid, drawMission, drawScale, drawUnknown } from "./map-ground.js";
 import { drawLinks, drawPartitions } from "./map-links.js";
 import { drawField, drawSeparations, drawTrails, drawVehicles } from "./map-vehicles.js";
 import { ageLimits } from "./reception.js";
@@ -158,12 +158,12 @@ export class MapView {
     const ready = contextOf(this.canvas);
     if (!ready) return false;
     const { context, width, height } = ready;
-    const { camera, layers } = this;
+    const { camera } = this;
     const isResized = camera.width !== width || camera.height !== height;
     Object.assign(camera, { width, height });
     this.frame = frame;
-    if (frame && camera.isAutomatic) {
-      const bounds = boundsOf(frame, swarm, layers.mission);
+    if (frame && !frame.isUnknown && camera.isAutomatic) {
+      const bounds = boundsOf(frame, swarm, this.layers.mission);
       if (bounds) {
         camera.show(bounds, !this.isFitted || isResized);
         this.isFitted = true;
@@ -171,7 +171,13 @@ export class MapView {
     }
     const isMoving = camera.step();
     drawGrid(context, camera);
-    if (!frame) return isMoving;
+    if (frame) this.drawSwarm(context, { frame, history, swarm, selected, reception });
+    drawScale(context, camera);
+    return isMoving;
+  }
+
+  drawSwarm(context, { frame, history, swarm, selected, reception }) {
+    const { camera, layers } = this;
     drawFence(context, camera, swarm.scenario);
     if (swarm.teams.length > 1) {
       drawTeams(context, camera, frame, swarm);
@@ -180,8 +186,9 @@ export class MapView {
       if (layers.mission) drawMission(context, camera, swarm.steps, places[0]?.step ?? 0);
       places.forEach(({ centre, formation }, at) => drawFormation(context, camera, formation, centre, at > 0));
     }
-    if (!swarm.isLarge) drawPartitions(context, camera, frame, swarm, reception.partitions);
-    if (layers.trails) drawTrails(context, camera, history, frame, swarm, selected);
+    if (!swarm.isLarge) drawPartitions(context, camera, frame, swarm, reception.divided);
+    if (frame.isUnknown) drawUnknown(context, camera);
+    else if (layers.trails) drawTrails(context, camera, history, frame, swarm, selected);
     if (swarm.isLarge) drawCrowd(context, camera, frame, swarm);
     if (layers.links) drawLinks(context, camera, frame, swarm, selected);
     if (selected.size === 1 && layers.field) drawField(context, camera, frame, [...selected][0]);
@@ -189,7 +196,6 @@ export class MapView {
     drawVehicles(context, camera, frame, swarm, selected);
     if (this.mouse) this.showTip();
     this.canvas.setAttribute("aria-label", `map of ${swarm.name}, north up: ${frame.status?.text ?? ""}`);
-    return isMoving;
   }
 }
 

@@ -29,8 +29,8 @@ export class Matrix {
   }
 
   describe(cell) {
-    if (!cell || cell.receiver === cell.sender) return "";
     const { frame, swarm } = this;
+    if (!cell || cell.receiver === cell.sender || frame.isUnknown) return "";
     const at = cell.receiver * frame.members.length + cell.sender;
     const [receiver, sender] = [cell.receiver, cell.sender].map((row) => swarm.ids[frame.members[row]]);
     if (!frame.isInContact(frame.members[cell.receiver])) return `${receiver} is out of contact`;
@@ -48,7 +48,7 @@ export class Matrix {
     if (!ready || size < 2) return;
     const { context, width, height } = ready;
     // Members of a partition stand together, so that a divided swarm shows as blocks.
-    const grouped = reception.partitions.length > 1 ? reception.partitions.flat() : [];
+    const grouped = reception.divided.flat();
     const rest = Array.from({ length: size }, (_, at) => at).filter((at) => !grouped.includes(at));
     this.order = [...grouped, ...rest];
     const rem = colours.rem;

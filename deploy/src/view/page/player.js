@@ -1,5 +1,7 @@
 // Which picture is shown: the newest, one of the last ten minutes, or one of a recording, and how fast time passes.
 
+import { Frame } from "./frame.js";
+
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16, 32, 64];
 /** Keys nearer to the newest picture than this are "now", s. */
 const NOW_S = 0.3;
@@ -27,9 +29,21 @@ export class Player {
     this.send({ type: "play", at_s, speed: this.isPlaying ? this.speed : 0 });
   }
 
-  /** The picture to show. */
+  /** The picture to show; `null` before the first one. */
   get frame() {
-    return this.cursor === null ? this.history.newest : this.history.at(this.cursor);
+    const { cursor, history } = this;
+    if (cursor === null || !history.newest) return history.newest;
+    return history.at(cursor) ?? this.unknown(cursor);
+  }
+
+  /** The picture of a time of which nothing is known, the same one while it is shown. */
+  unknown(key) {
+    if (this.blank?.key !== key || this.blank.swarm !== this.swarm) {
+      const offset_s = this.history.offset_s;
+      const frame = Frame.unknown(this.swarm, key, offset_s === null ? null : key - offset_s);
+      this.blank = { key, swarm: this.swarm, frame };
+    }
+    return this.blank.frame;
   }
 
   /** Whether the picture is of the past although the flight is live. */
@@ -60,6 +74,11 @@ export class Player {
     } else {
       this.cursor = at;
     }
+  }
+
+  /** Goes to the first picture. */
+  toBegin() {
+    this.seek(this.swarm.isLive ? (this.history.frames[0]?.key ?? this.range[0]) : this.range[0]);
   }
 
   /** Goes back to now; a recording goes to its end. */

@@ -6,7 +6,7 @@ import { colours, font } from "./theme.js";
 
 /**
  * Draws a plot into a canvas.
- * `lines`: `{ label, colour, isBold, isFaint, points: [x, y, ...] }`; `spreads`: rows `[x, least, lower, median, upper, most]`;
+ * `lines`: `{ label, colour, isBold, isFaint, points: [x, y, ...] }`; `spreads`: pieces of rows `[x, least, lower, median, upper, most]`;
  * `limits`: `{ value, text, level, isBelow, points }`, with `points` the same over time if it has changed; `band`: rows
  * `[x, from, to]` of the values, shaded, or `[from, to]` if they have not changed; `cursor`: x of the present picture.
  */
@@ -26,7 +26,7 @@ export function drawPlot(canvas, { range, lines = [], spreads = null, limits = [
   context.beginPath();
   context.rect(box.left, box.top - 2, box.right - box.left + 1, box.bottom - box.top + 4);
   context.clip();
-  if (spreads) drawSpread(plot, spreads);
+  (spreads ?? []).forEach((rows) => drawSpread(plot, rows));
   lines.forEach((line) => drawLine(plot, line));
   context.restore();
   drawLimits(plot, limits, top);
@@ -47,7 +47,7 @@ function scaleOf(lines, spreads, limits, most) {
   for (const { points } of lines) {
     for (let at = 1; at < points.length; at += 2) if (points[at] > top) top = points[at];
   }
-  for (const row of spreads ?? []) if (row[5] > top) top = row[5];
+  for (const row of spreads?.flat() ?? []) if (row[5] > top) top = row[5];
   for (const { value, points } of limits) {
     if (value > top) top = value;
     for (let at = 1; at < (points?.length ?? 0); at += 2) if (points[at] > top) top = points[at];

@@ -64,25 +64,44 @@ function limit({ flown, formation }, of, about) {
 }
 
 /** A line for each vehicle; in a large swarm the spread of all and lines of the selected. */
-function linesOf({ frames, swarm, selected, frame }, isSingle, value) {
+function linesOf(read, isSingle, value) {
+  const { swarm, selected, frame } = read;
   const shown = isSingle ? [...swarm.vehicles.keys()] : [...selected].slice(0, 8);
   const isAnyChosen = selected.size > 0;
   return shown.map((index) => {
-    const points = [];
-    for (const one of frames) points.push(one.key, value(one, index));
+    const points = pointsOf(read, (one) => value(one, index));
     const isChosen = selected.has(index);
     const colour = isSingle ? lineColour(swarm, index) : colours.text;
     return { label: swarm.ids[index], colour, points, isBold: isChosen, isFaint: isAnyChosen && !isChosen };
   }).filter(() => frame);
 }
 
+/** The points of a line, `[key, value, ...]`; it is broken where nothing was received. */
+function pointsOf({ frames, history }, value) {
+  const points = [];
+  frames.forEach((one, at) => {
+    if (at > 0 && history.isBroken(frames[at - 1].key, one.key)) points.push(one.key, NaN);
+    points.push(one.key, value(one));
+  });
+  return points;
+}
+
 function lineColour(swarm, index) {
   return swarm.vehicles.length <= 8 ? vehicleColour(swarm, index) : colours.vehicles[index % colours.vehicles.length];
 }
 
-function spreadOf({ frames }, isSingle, name) {
+/** The rows of a spread, in pieces between which nothing was received. */
+function spreadOf({ frames, history }, isSingle, name) {
   if (isSingle) return null;
-  return frames.filter(({ spread }) => spread?.[name]).map(({ key, spread }) => [key, ...spread[name]]);
+  const pieces = [[]];
+  let before = null;
+  for (const { key, spread } of frames) {
+    if (!spread?.[name]) continue;
+    if (before !== null && history.isBroken(before, key)) pieces.push([]);
+    pieces.at(-1).push([key, ...spread[name]]);
+    before = key;
+  }
+  return pieces;
 }
 
 const byRow = (values) => (frame, index) => {
@@ -113,12 +132,12 @@ function centrePlot(read, isSingle) {
 }
 
 function pairsPlot(read, isSingle) {
-  const { swarm, selected, frames } = read;
+  const { swarm, selected } = read;
   const title = byId("plot-pairs-title");
   if (swarm.isLarge) {
     setText(title, "Vehicles in contact (line) and in place (bold), %");
     const line = (name, colour, isBold) => ({
-      colour, isBold, points: frames.flatMap(({ key, spread }) => [key, spread?.[name] ?? NaN]),
+      colour, isBold, points: pointsOf(read, ({ spread }) => spread?.[name] ?? NaN),
     });
     return { lines: [line("contact", colours.muted, false), line("place", colours.ok, true)], most: 105 };
   }
@@ -138,7 +157,7 @@ function pairsPlot(read, isSingle) {
   const lines = pairs.map(([one, two], at) => ({
     label: only === null ? `${swarm.ids[one]}–${swarm.ids[two]}` : swarm.ids[two],
     colour: only === null ? colours.vehicles[(at + 1) % colours.vehicles.length] : lineColour(swarm, two),
-    points: frames.flatMap((frame) => [frame.key, separation(frame, one, two)]),
+    points: pointsOf(read, (frame) => separation(frame, one, two)),
   }));
   return { lines, limits };
 }

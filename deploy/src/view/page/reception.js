@@ -22,7 +22,8 @@ export function ageLimits(swarm) {
 
 /**
  * What the links of a picture amount to. All numbers are rows of the picture's details:
- * `partitions` groups of vehicles in contact with each other, `oneWay` pairs `[receiver, sender]` of which the sender
+ * `partitions` groups of vehicles in contact with each other, `divided` those of teams that have several (a vehicle receives its own
+ * team only: teams are no partitions of a fleet), `oneWay` pairs `[receiver, sender]` of which the sender
  * receives nothing back, `silent` vehicles out of contact, `open` and `lost` numbers of links, `oldest` the oldest message
  * of an open link.
  */
@@ -40,7 +41,7 @@ export function analyse(frame) {
     group[at] = root;
     return root;
   };
-  const found = { partitions: [], oneWay: [], silent: [], open: 0, lost: 0, oldest: null };
+  const found = { partitions: [], divided: [], oneWay: [], silent: [], open: 0, lost: 0, oldest: null };
   for (let receiver = 0; receiver < size; receiver += 1) {
     if (!present[receiver]) {
       found.silent.push(receiver);
@@ -68,7 +69,18 @@ export function analyse(frame) {
   }
   // Before the first messages there is nothing to be divided.
   found.partitions = found.open > 0 || found.lost > 0 ? [...groups.values()] : [];
+  found.divided = byTeam(found.partitions, frame).filter(([, parts]) => parts.length > 1).flatMap(([, parts]) => parts);
   return found;
+}
+
+/** Partitions by the place of their team: `[team, partitions]`. */
+function byTeam(partitions, frame) {
+  const found = new Map();
+  for (const rows of partitions) {
+    const team = frame.memberTeams[rows[0]];
+    found.set(team, [...(found.get(team) ?? []), rows]);
+  }
+  return [...found];
 }
 
 /** The analysis in a sentence, with the level of its colour. */
@@ -76,13 +88,17 @@ export function describe(found, frame, swarm) {
   const id = (row) => swarm.ids[frame.members[row]];
   const silent = found.silent.length ? ` · no contact with ${format.ids(found.silent.map(id), 6)}` : "";
   const level = found.silent.length ? "warn" : "ok";
+  if (frame.isUnknown) return { level: "none", text: "unknown" };
   if (frame.members.length === 0) return { level: "none", text: "" };
   if (found.partitions.length === 0) {
     return { level: silent ? level : "none", text: `no messages between vehicles${silent}` };
   }
-  if (found.partitions.length > 1) {
-    const parts = found.partitions.map((rows) => format.ids(rows.map(id), 8)).join(" | ");
-    return { level: "bad", text: `${found.partitions.length} partitions: ${parts}${silent}` };
+  if (found.divided.length > 0) {
+    const texts = byTeam(found.divided, frame).map(([team, parts]) => {
+      const name = swarm.teams.length > 1 ? `${swarm.teams[team].name ?? `team ${swarm.teams[team].id}`}: ` : "";
+      return `${name}${parts.length} partitions: ${parts.map((rows) => format.ids(rows.map(id), 8)).join(" | ")}`;
+    });
+    return { level: "bad", text: `${texts.join("; ")}${silent}` };
   }
   if (found.oneWay.length > 0) {
     const [receiver, sender] = found.oneWay[0];
@@ -92,8 +108,9 @@ export function describe(found, frame, swarm) {
   if (found.lost > 0) return { level: "warn", text: `${found.open} links open, ${found.lost} lost${silent}` };
   const { age_ms, receiver, sender } = found.oldest;
   const oldest = `oldest message ${format.age(age_ms)}, from ${id(sender)} at ${id(receiver)}`;
-  const all = found.partitions[0].length;
-  const isComplete = found.open === all * (all - 1);
-  const complete = found.silent.length ? "the others receive each other" : "all receive all";
+  const pairs = found.partitions.reduce((sum, { length }) => sum + length * (length - 1), 0);
+  const isComplete = found.open === pairs;
+  const within = swarm.teams.length > 1 ? " of their team" : "";
+  const complete = found.silent.length ? "the others receive each other" : `all receive all${within}`;
   return { level, text: `${isComplete ? complete : `${found.open} links open`} · ${oldest}${silent}` };
 }

@@ -60,9 +60,9 @@ const COLUMNS = [
 /** Columns of a team. */
 const TEAM_COLUMNS = [
   ["vehicles", "vehicles of the team", (found) => [String(found.all)]],
-  ["contact", "vehicles in contact", (found) => [String(found.contact), found.contact < found.all ? "bad" : ""]],
-  ["in place", "vehicles in formation or landed", (found) => [String(found.place)]],
-  ["failures", "vehicles with a failure", (found) => [String(found.failed), found.failed ? "warn" : ""]],
+  ["contact", "vehicles in contact", (found) => [format.number(found.contact), found.contact < found.all ? "bad" : ""]],
+  ["in place", "vehicles in formation or landed", (found) => [format.number(found.place)]],
+  ["failures", "vehicles with a failure", (found) => [format.number(found.failed), found.failed ? "warn" : ""]],
   ["alt m", "mean altitude", (found) => [format.number(found.altitude, 1)]],
 ];
 
@@ -173,6 +173,7 @@ function fill(line, columns, value, context) {
 }
 
 function sumUp(frame, team) {
+  if (frame.isUnknown) return { all: team.members.length, contact: NaN, place: NaN, failed: NaN, altitude: null };
   const sum = { all: team.members.length, contact: 0, place: 0, failed: 0, altitude: null };
   const altitudes = team.members.map((index) => frame.altitude[index]).filter(Number.isFinite);
   if (altitudes.length) sum.altitude = altitudes.reduce((total, altitude) => total + altitude, 0) / altitudes.length;

@@ -55,12 +55,14 @@ export class TimeBar {
     context.fillRect(0, rail.top, width, rail.height);
     // What the page keeps and can show at once.
     const kept = history.frames;
-    if (swarm.isLive && kept.length) {
-      context.fillStyle = colours.faint;
-      context.fillRect(x(kept[0].key), rail.top, x(kept.at(-1).key) - x(kept[0].key), rail.height);
-    }
-    context.fillStyle = colours.accent;
-    context.fillRect(0, rail.top, x(player.position), rail.height);
+    const first = swarm.isLive ? (kept[0]?.key ?? to) : from;
+    const bar = (colour, begin, end) => {
+      context.fillStyle = colour;
+      if (end > begin) context.fillRect(x(begin), rail.top, x(end) - x(begin), rail.height);
+    };
+    if (swarm.isLive && kept.length) bar(colours.faint, first, kept.at(-1).key);
+    bar(colours.accent, first, player.position);
+    for (const [begin, end] of history.gaps) bar(colours.line, begin, end);
     for (const event of events.all) {
       const key = events.key(event, history);
       if (key < from || key > to) continue;
