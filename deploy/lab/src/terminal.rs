@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn a_terminal_obeys_escape_sequences_unless_its_name_tells_that_it_does_not() {
-        let is_able = |name: Option<&str>, needs_name| super::is_able(name.map(OsStr::new), needs_name);
+        let is_able = |name: Option<&str>, needs_name| is_able(name.map(OsStr::new), needs_name);
         assert!(is_able(Some("xterm-256color"), true) && is_able(Some("linux"), true) && is_able(None, false));
         assert!(!is_able(Some("dumb"), true) && !is_able(Some("dumb"), false));
         assert!(!is_able(Some(""), true) && !is_able(Some("unknown"), true) && !is_able(None, true));

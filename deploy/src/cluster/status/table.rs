@@ -1,4 +1,4 @@
-//! The table, for 120 columns.
+//! The table, for 120 columns. On a narrower terminal whole columns are left out, the least important first.
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 
@@ -14,6 +14,10 @@ const HEADER: [&str; 14] = [
     "node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "links", "o/i", "fault",
     "refused", "uptime",
 ];
+/// Place of each column in the order of importance: of those that do not fit, the one with the greatest is left out first.
+const RANKS: [u8; 14] = [0, 13, 12, 1, 4, 8, 5, 6, 7, 9, 10, 2, 3, 11];
+/// Space after a column.
+const PADDING: u16 = 2;
 /// What every column shows, its unit, and which values are bad.
 const LEGEND: [&str; 6] = [
     "version: the release that runs   plant: what moves   phase: formation if in its place   uptime: since its agent started",
@@ -30,31 +34,52 @@ const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
 
 /// All of it; `remedy` is the last line if a node is not in contact.
 pub(super) fn of(status: &SwarmStatus, remedy: &str) -> String {
-    let mut table = Table::new();
-    // On a narrower terminal, cells are wrapped at spaces.
-    table.load_style(presets::NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
     let teams = if status.nodes.len() > MAX_ROWS { teams(status) } else { Vec::new() };
     let mut header = HEADER;
-    if teams.is_empty() {
-        table.add_rows(status.nodes.iter().map(|node| row(node.id.to_string(), node.report.as_ref())));
+    let rows: Vec<[String; 14]> = if teams.is_empty() {
+        status.nodes.iter().map(|node| row(node.id.to_string(), node.report.as_ref())).collect()
     } else {
         header[0] = "team";
-        table.add_rows(teams.iter().map(|(team, nodes)| team_row(*team, nodes)));
-    }
-    table.set_header(header);
-    for (nth, column) in table.column_iter_mut().enumerate() {
-        column.set_padding((0, 2));
-        if !TEXT_COLUMNS.contains(&nth) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
-    let lines = table.to_string();
-    let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
+        teams.iter().map(|(team, nodes)| team_row(*team, nodes)).collect()
+    };
+    let mut text = fitting(header, &rows, Table::new().width().map(usize::from));
     let of_teams = (!teams.is_empty()).then_some(OF_TEAMS);
     of_teams.iter().chain(&LEGEND).for_each(|line| text += &format!("{line}\n"));
     status.nodes.iter().for_each(|node| text += &notes(node));
     if status.nodes.iter().any(|node| node.report.is_none()) {
         text += &format!("{remedy}\n");
+    }
+    text
+}
+
+/// The table with the columns that fit into `room`, and a line that counts the others.
+fn fitting(header: [&str; 14], rows: &[[String; 14]], room: Option<usize>) -> String {
+    let width = |nth: usize| {
+        let cells = rows.iter().map(|row| row[nth].as_str()).chain([header[nth]]);
+        cells.map(|cell| cell.chars().count()).max().unwrap_or(0) + usize::from(PADDING)
+    };
+    let mut shown: Vec<usize> = (0..header.len()).collect();
+    // The space after the last column is not printed.
+    let needed = |shown: &[usize]| shown.iter().map(|nth| width(*nth)).sum::<usize>().saturating_sub(PADDING.into());
+    while shown.len() > 1 && room.is_some_and(|room| needed(&shown) > room) {
+        let last = (0..shown.len()).max_by_key(|at| RANKS[shown[*at]]);
+        last.map(|at| shown.remove(at));
+    }
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_content_arrangement(ContentArrangement::Disabled);
+    table.set_header(shown.iter().map(|nth| header[*nth]));
+    table.add_rows(rows.iter().map(|row| shown.iter().map(|nth| row[*nth].clone()).collect::<Vec<_>>()));
+    for (column, nth) in table.column_iter_mut().zip(&shown) {
+        column.set_padding((0, PADDING));
+        if !TEXT_COLUMNS.contains(nth) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    let lines = table.to_string();
+    let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
+    let hidden: Vec<&str> = (0..header.len()).filter(|nth| !shown.contains(nth)).map(|nth| header[nth]).collect();
+    if !hidden.is_empty() {
+        text += &format!("no room for: {}; make the window wider\n", hidden.join(", "));
     }
     text
 }
@@ -186,5 +211,52 @@ fn uptime(seconds: f64) -> String {
     match whole / 3600 {
         0 => format!("{}:{:02}", whole / 60, whole % 60),
         hours => format!("{hours}:{:02}:{:02}", whole / 60 % 60, whole % 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_width_shows_whole_columns_the_most_important_ones() {
+        let cells = [
+            "12/16",
+            "0.1.0",
+            "standin",
+            "under way",
+            "50",
+            "12.3",
+            "15/15",
+            ">1234",
+            "!+9999.9 ±123.4",
+            "15",
+            "123/4567",
+            "3",
+            "12345",
+            "123:25:10",
+        ];
+        let rows = [cells.map(str::to_owned), row("3".to_owned(), None)];
+        let all: usize = fitting(HEADER, &rows, None).lines().map(|line| line.chars().count()).max().unwrap();
+        let mut before = 0;
+        for room in 20..=200 {
+            let text = fitting(HEADER, &rows, Some(room));
+            let lines: Vec<&str> = text.lines().collect();
+            assert!(lines[..3].iter().all(|line| line.chars().count() <= room), "{room}: {text}");
+            let shown: Vec<usize> =
+                (0..14).filter(|nth| lines[1].split("  ").any(|cell| cell.trim() == cells[*nth])).collect();
+            let words = |line: &str| line.split_whitespace().collect::<Vec<_>>().join(" ");
+            let expected =
+                |of: &dyn Fn(usize) -> String| words(&shown.iter().map(|nth| of(*nth)).collect::<Vec<_>>().join(" "));
+            assert_eq!(words(lines[0]), expected(&|nth| HEADER[nth].to_owned()), "{room}: {text}");
+            assert_eq!(words(lines[1]), expected(&|nth| cells[nth].to_owned()), "{room}: {text}");
+            assert_eq!(words(lines[2]), expected(&|nth| rows[1][nth].clone()), "{room}: {text}");
+            let ranks: std::collections::BTreeSet<u8> = shown.iter().map(|nth| RANKS[*nth]).collect();
+            assert_eq!(ranks, (0..shown.len() as u8).collect(), "the most important ones, at {room}: {text}");
+            assert!(shown.len() >= before);
+            before = shown.len();
+            assert_eq!(shown.len() == 14, room >= all && !text.contains("no room"), "{room}: {text}");
+        }
+        assert_eq!(before, 14);
     }
 }
