@@ -128,9 +128,8 @@ pub fn run(args: &ViewArgs) -> Result<(), Error> {
     let addresses = names::addresses(address);
     addresses.iter().for_each(|address| say(&format!("http://{address}\n")));
     code::of(&addresses).iter().for_each(|code| code::show(code));
-    if let Some(foxglove) = foxglove {
-        say(&format!("ws://{foxglove}\n"));
-    }
+    let foxglove = foxglove.into_iter().flat_map(names::addresses);
+    foxglove.for_each(|address| say(&format!("ws://{address}\n")));
     complain(match args.orders.orders {
         true => "the page is served until Ctrl-C; it can order the swarm",
         false => "the page is served until Ctrl-C; the swarm flies the same with and without it",

@@ -1,6 +1,6 @@
 //! The page of `skein view` in headless Chromium, driven by the programs in `tests/page`: synthetic swarms of every size, a real
-//! flight with its recording, and recordings of swarms and fleets in virtual time. Needs Node.js, Chromium and the packages of
-//! `tests/page/package-lock.json`; without them the tests skip this, unless `SKEIN_PAGE=required`.
+//! flight with its recording, recordings of swarms and fleets in virtual time, and the page behind proxies. Needs Node.js, Chromium,
+//! OpenSSL and the packages of `tests/page/package-lock.json`; without them the tests skip this, unless `SKEIN_PAGE=required`.
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 

@@ -11,8 +11,8 @@ use skein_common::printable::printable;
 /// Names of the page's server besides its own.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct NameArgs {
-    /// Answer under this name too, and let pages under it read this server: the name in a DNS, or that of a reverse proxy. Can be
-    /// given several times. The PC's own name, also with .local, and its addresses need no option
+    /// Let the page's server answer under this name too: one of the DNS, or that of a reverse proxy. Can be given several times. The
+    /// PC's own name, also with .local, and its addresses need no option
     #[arg(long = "name", value_name = "NAME", value_parser = name)]
     pub names: Vec<String>,
 }

@@ -183,7 +183,7 @@ export class MapView {
       drawTeams(context, camera, frame, swarm);
     } else {
       const places = goals(frame, swarm);
-      if (layers.mission) drawMission(context, camera, swarm.steps, places[0]?.step ?? 0);
+      if (layers.mission) drawMission(context, camera, swarm.steps, frame.isUnknown ? -1 : (places[0]?.step ?? 0));
       places.forEach(({ centre, formation }, at) => drawFormation(context, camera, formation, centre, at > 0));
     }
     if (!swarm.isLarge) drawPartitions(context, camera, frame, swarm, reception.divided);
