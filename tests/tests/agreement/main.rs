@@ -24,6 +24,7 @@ const P3: &str = "P3: no agent passes a step before all settled agents reached i
 const P3_SKEW: &str = "P3: no agent is two steps ahead of a settled agent";
 const P4: &str = "P4: no step begins before an agent reached the one before";
 const P5: &str = "P5: a fair schedule completes from here";
+const P8: &str = "P8: whichever one agent makes no progress, the others complete from here";
 const P7: &str = "P7: the two sides of a cut never both advance without the other";
 const VOUCHED: &str = "no agent vouches for a step that no honest agent has earned";
 const MISLED: &str = "no agent is at a step that no honest agent has earned, unless only the liar is in contact";
@@ -54,6 +55,7 @@ impl<const HONEST: usize> Model for Bounds<HONEST> {
             Property::always(P3_SKEW, |_, swarm: &Self::State| !swarm.is_skewed()),
             Property::always(P4, |_, swarm: &Self::State| !swarm.breaks(P4)),
             Property::always(P5, |bounds: &Self, swarm: &Self::State| swarm.clone().completes(bounds)),
+            Property::always(P8, |bounds: &Self, swarm: &Self::State| swarm.completes_without_any(bounds)),
             Property::always(VOUCHED, |_, swarm: &Self::State| !swarm.breaks(VOUCHED)),
             Property::always(MISLED, |_, swarm: &Self::State| !swarm.breaks(MISLED)),
             Property::sometimes("all are settled again", |_, swarm: &Self::State| swarm.has_recovered()),

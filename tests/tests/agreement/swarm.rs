@@ -434,15 +434,34 @@ impl<const N: usize> Swarm<N> {
     /// Whether all agents that are up come to the last step, in one round of publishing for every step. From here on
     /// the links are whole, messages arrive, the liar is silent, every agent reaches the step that it is at, and agents
     /// that are down are given up.
-    pub(super) fn completes(mut self, bounds: &Bounds<N>) -> bool {
+    pub(super) fn completes(self, bounds: &Bounds<N>) -> bool {
+        self.completes_without(bounds, None)
+    }
+
+    /// As [`Self::completes`], whichever one agent comes no nearer to its step: it leaves, and all others complete.
+    pub(super) fn completes_without_any(&self, bounds: &Bounds<N>) -> bool {
+        (0..N)
+            .filter(|&agent| self.agents[agent].is_up)
+            .all(|stuck| self.clone().completes_without(bounds, Some(stuck)))
+    }
+
+    fn completes_without(mut self, bounds: &Bounds<N>, stuck: Option<usize>) -> bool {
         let last_step = bounds.last_step;
         self.cut_off = None;
         let up: Vec<usize> = (0..N).filter(|&agent| self.agents[agent].is_up).collect();
-        if bounds.partition == Partition::Quorum && 2 * up.len() <= bounds.vehicles() {
+        let flying = up.len() - usize::from(stuck.is_some());
+        if flying == 0 || bounds.partition == Partition::Quorum && 2 * flying <= bounds.vehicles() {
             return true;
         }
         let sees = up.iter().fold(0, |sees, &agent| sees | 1 << agent);
-        (0..=last_step).any(|_| {
+        // The one that leaves says so in the first round.
+        let rounds = last_step + u32::from(stuck.is_some());
+        (0..=rounds).any(|_| {
+            if let Some(stuck) =
+                stuck.filter(|&stuck| self.agents[stuck].agreement.own().membership != Membership::Left)
+            {
+                self.agents[stuck].set_membership(Membership::Left);
+            }
             up.iter().for_each(|&agent| self.agents[agent].publish());
             for &to in &up {
                 self.agents[to].given_up = !sees;
@@ -451,7 +470,7 @@ impl<const N: usize> Swarm<N> {
                     self.deliver(to, from, self.agents[from].sent.len() - 1);
                 }
             }
-            for &own in &up {
+            for &own in up.iter().filter(|&&own| Some(own) != stuck) {
                 let agent = &mut self.agents[own];
                 if agent.agreement.own().membership == Membership::Joining {
                     agent.set_membership(Membership::Active);
@@ -459,7 +478,8 @@ impl<const N: usize> Swarm<N> {
                 agent.advance::<N>(own);
                 agent.agreement.reach();
             }
-            up.iter().all(|&agent| self.agents[agent].agreement.own().step == last_step)
+            let mut others = up.iter().filter(|&&own| Some(own) != stuck);
+            others.all(|&agent| self.agents[agent].agreement.own().step == last_step)
         })
     }
 
