@@ -163,17 +163,17 @@ impl Remote<'_> {
     }
 }
 
-/// Reads the answer from the last line that is not empty, because a login shell may write other lines before it. Every
-/// text in the answer is made safe for a terminal.
+/// Reads the answer. Every text in it is made safe for a terminal.
 fn answer(host: &Host, output: &CommandOutput) -> Result<Answer, Fault> {
-    let last = output.stdout.lines().rev().map(str::trim).find(|line| !line.is_empty());
-    let read = |line: &str| serde_json::from_str(line).and_then(|value| serde_json::from_value(with_printable(value)));
-    match last.map(|line| (line, read(line))) {
-        Some((NOT_INSTALLED, _)) => Err(Fault::NotInstalled),
+    let own = output.stdout.trim();
+    if own == NOT_INSTALLED {
+        return Err(Fault::NotInstalled);
+    }
+    match serde_json::from_str(own).and_then(|value| serde_json::from_value(with_printable(value))) {
         // Other nodes of this host are installed.
-        Some((_, Ok(Answer::Failed(why)))) if why.starts_with("nothing is installed") => Err(Fault::NotInstalled),
-        Some((_, Ok(Answer::Failed(why)))) => Err(Fault::Failed(format!("{host}: {why}"))),
-        Some((_, Ok(answer))) => Ok(answer),
+        Ok(Answer::Failed(why)) if why.starts_with("nothing is installed") => Err(Fault::NotInstalled),
+        Ok(Answer::Failed(why)) => Err(Fault::Failed(format!("{host}: {why}"))),
+        Ok(answer) => Ok(answer),
         _ => Err(Fault::Failed(format!("{host}: {}", output.error_text()))),
     }
 }
@@ -191,7 +191,7 @@ fn with_printable(value: Value) -> Value {
 fn probed(stdout: &str) -> Option<Probed> {
     let value = |name: &str| {
         let mut lines = stdout.lines().filter_map(|line| line.trim().strip_prefix("skein ")?.strip_prefix(name));
-        lines.next_back().map(str::trim)
+        lines.next().map(str::trim)
     };
     Some(Probed {
         platform: printable(value("platform")?, MAX_SENTENCE),

@@ -1,10 +1,13 @@
 //! Runs the system's OpenSSH, so that the user's configuration, keys, jump hosts and known hosts apply: at most eight hosts at
 //! once, and a host that hangs does not hold up the others.
 //!
-//! Two settings of `ssh` are overridden: it never asks, and a connection fails after [`CONNECT_S`]. On Unix the calls to one
-//! host share a connection, which stays open for a minute, so that the next command can use it too.
+//! Settings of the session are overridden: ssh never asks, forwards nothing, runs only the given command, and a connection
+//! fails after [`CONNECT_S`]. On Unix the calls to one host share a connection, which stays open for a minute, so that the
+//! next command can use it too. The output of a command lies between marks, because the account's shell may print more.
 
+mod marks;
 mod reason;
+mod settings;
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -21,6 +24,8 @@ use std::time::Duration;
 
 use skein_common::printable::printable;
 use skein_host::parallel::in_parallel;
+
+use marks::Marks;
 
 use crate::endpoints;
 use crate::inventory::Node;
@@ -70,6 +75,8 @@ impl fmt::Display for Host {
 pub struct Ssh {
     /// The program and its first arguments.
     program: Vec<OsString>,
+    /// Arguments that override settings of the session.
+    session: Vec<String>,
     /// `ControlPath` of shared connections, if calls can share one.
     sharing: Option<String>,
     /// Print every command before it runs.
@@ -83,8 +90,10 @@ pub struct CommandOutput {
     pub status: i32,
     /// Its standard output.
     pub stdout: String,
-    /// Its standard error, and ssh's own warnings.
+    /// Its standard error.
     pub stderr: String,
+    /// What the account's shell printed on standard output before and after the command, made safe for a terminal.
+    pub of_shell: String,
 }
 
 impl CommandOutput {
@@ -98,7 +107,9 @@ impl CommandOutput {
 impl Ssh {
     /// Uses the `ssh` in the path. With `verbose` every command is printed on stderr before it runs.
     pub fn new(verbose: bool) -> Self {
-        Self { program: vec!["ssh".into()], sharing: sharing(&endpoints::folder()), verbose }
+        let program = vec!["ssh".into()];
+        let session = settings::of_session(&program);
+        Self { program, session, sharing: sharing(&endpoints::folder()), verbose }
     }
 
     /// Runs a command on a host with this standard input and waits until it ends, at most `within`.
@@ -113,7 +124,7 @@ impl Ssh {
         stdin: &Arc<[u8]>,
         within: Duration,
     ) -> Result<CommandOutput, String> {
-        let mut child = self.spawn(host, command)?;
+        let (mut child, marks) = self.spawn(host, command)?;
         write_input(child.stdin.take(), stdin);
         let stdout = collect(child.stdout.take(), MAX_ANSWER);
         let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
@@ -124,10 +135,20 @@ impl Ssh {
             ));
         };
         let (stdout, stderr) = (stdout.text(), stderr.text());
-        match status.code() {
-            // 255 is ssh's own status; Skein's remote commands never return it.
-            Some(255) => Err(reason::sentence(host, &stderr, || self.keys(host))),
-            Some(status) => Ok(CommandOutput { status, stdout, stderr }),
+        let divided = marks.divide(&stdout);
+        let ended = divided.as_ref().and_then(|divided| divided.end);
+        // The account's shell may end with another status than the command, also with 255, which is ssh's own.
+        match ended.map(|(_, status)| status).or_else(|| status.code()) {
+            Some(255) if ended.is_none() => Err(reason::sentence(host, &stderr, || self.keys(host))),
+            Some(status) => match divided {
+                Some(divided) => {
+                    let around = [divided.before.trim(), ended.map_or("", |(after, _)| after)];
+                    let around = around.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n");
+                    let (stdout, stderr) = (divided.own.to_owned(), marks.error(&stderr).to_owned());
+                    Ok(CommandOutput { status, stdout, stderr, of_shell: printable(&around, MAX_SENTENCE) })
+                }
+                None => Err(not_begun(host, status, &stdout, &stderr)),
+            },
             None => Err(format!("{host}: ssh was {}", os::how_it_ended(status))),
         }
     }
@@ -138,26 +159,42 @@ impl Ssh {
     /// # Errors
     /// The errors of [`Self::run`]; and if the command fails, its last line of standard error.
     pub fn lines(&self, host: &Host, command: &str, stdin: &[u8], mut line: impl FnMut(&str)) -> Result<(), String> {
-        let mut child = self.spawn(host, command)?;
+        let (mut child, marks) = self.spawn(host, command)?;
         let mut given = child.stdin.take();
         // An error is ignored: a command that does not read its input reports why or returns a status. The pipe stays
         // open, because closing it would end the command.
         let _ = given.as_mut().map(|given| given.write_all(stdin));
         let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
         let mut stdout = BufReader::new(child.stdout.take().ok_or_else(|| format!("{host}: no pipe"))?);
+        let mut line = |text: &str| line(&printable(text.trim_end_matches(['\r', '\n']), MAX_LINE));
+        let is_begun = marks.skip(&mut stdout);
+        let mut ended = None;
         let mut bytes = Vec::new();
         // Bytes that are not text and control characters are shown as escapes.
         while stdout.read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
-            line(&printable(String::from_utf8_lossy(&bytes).trim_end_matches(['\r', '\n']), MAX_LINE));
+            let text = String::from_utf8_lossy(&bytes);
+            match marks.ended(&text) {
+                _ if ended.is_some() => (),
+                None => line(&text),
+                Some((last, (_, status))) => {
+                    ended = Some(status);
+                    if !last.is_empty() {
+                        line(last);
+                    }
+                }
+            }
             bytes.clear();
         }
         let status = child.wait().map_err(|error| format!("{host}: {error}"))?;
         let stderr = stderr.text();
-        match status.code() {
+        match ended.or_else(|| status.code()) {
+            Some(255) if ended.is_none() => Err(reason::sentence(host, &stderr, || self.keys(host))),
+            Some(status) if !is_begun => Err(not_begun(host, status, "", &stderr)),
             Some(0) => Ok(()),
-            Some(255) => Err(reason::sentence(host, &stderr, || self.keys(host))),
             Some(status) => {
-                Err(format!("{host}: {}", CommandOutput { status, stdout: String::new(), stderr }.error_text()))
+                let (stderr, stdout) = (marks.error(&stderr).to_owned(), String::new());
+                let output = CommandOutput { status, stdout, stderr, of_shell: String::new() };
+                Err(format!("{host}: {}", output.error_text()))
             }
             None => Err(format!("{host}: ssh was {}", os::how_it_ended(status))),
         }
@@ -185,6 +222,7 @@ impl Ssh {
         let mut command = Command::new(self.program.first().map_or(OsStr::new("ssh"), OsString::as_os_str));
         command.args(self.program.iter().skip(1));
         command.args(["-T", "-o", "BatchMode=yes", "-o", &format!("ConnectTimeout={CONNECT_S}")]);
+        command.args(&self.session);
         if let Some(path) = &self.sharing {
             let path = format!("ControlPath={path}");
             command.args(["-o", "ControlMaster=auto", "-o", "ControlPersist=60", "-o", &path]);
@@ -197,21 +235,23 @@ impl Ssh {
         command
     }
 
-    /// Starts a command on a host for a dialogue over its pipes.
+    /// Starts a command on a host for a dialogue over its pipes. Its output begins after the first of the marks.
     ///
     /// # Errors
     /// If `ssh` cannot be started.
-    pub fn spawn(&self, host: &Host, command: &str) -> Result<Child, String> {
+    pub fn spawn(&self, host: &Host, command: &str) -> Result<(Child, Marks), String> {
+        let marks = Marks::draw()?;
         let mut ssh = self.options(host);
-        ssh.args(["--", &host.name, command]);
+        ssh.args(["--", &host.name, &marks.around(command)]);
         if self.verbose {
             eprintln!("{}", shown(&ssh));
         }
         ssh.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        ssh.spawn().map_err(|error| match error.kind() {
+        let child = ssh.spawn().map_err(|error| match error.kind() {
             io::ErrorKind::NotFound => "`ssh` was not found on this PC; install OpenSSH's client".to_owned(),
             _ => format!("ssh: {error}"),
-        })
+        })?;
+        Ok((child, marks))
     }
 
     /// The key files that ssh tries for this host.
@@ -220,6 +260,19 @@ impl Ssh {
         let output = command.args(["-G", "--", &host.name]).stdin(Stdio::null()).output();
         output.map_or_else(|_| Vec::new(), |output| reason::keys(&String::from_utf8_lossy(&output.stdout)))
     }
+}
+
+/// The sentence for a login shell that ended without running the command.
+fn not_begun(host: &Host, status: i32, stdout: &str, stderr: &str) -> String {
+    let printed = [stdout.trim(), stderr.trim()].into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n");
+    let printed = match printed.as_str() {
+        "" => String::new(),
+        printed => format!(" and printed \"{}\"", printable(printed, MAX_SENTENCE)),
+    };
+    format!(
+        "{host}: the login shell of this account ended with status {status} without running the command{printed}; check the \
+         shell and its startup files with `ssh {host} true`"
+    )
 }
 
 /// Returns the `ControlPath` of shared connections, if the folder can be private to this user and its path is short

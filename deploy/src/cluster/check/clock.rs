@@ -26,13 +26,14 @@ pub(super) struct Offset {
 
 /// Measures the offset of a host's clock.
 pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
-    let mut child = ssh.spawn(host, ANSWERS)?;
+    let (mut child, marks) = ssh.spawn(host, ANSWERS)?;
     let pipes = child.stdin.take().zip(child.stdout.take());
     let (sender, received) = mpsc::channel();
     if let Some((mut ask, answer)) = pipes {
         thread::spawn(move || {
             let utc = Utc::read();
-            let mut answers = BufReader::new(answer).lines();
+            let mut answers = BufReader::new(answer);
+            let mut answers = marks.skip(&mut answers).then(|| answers.lines()).into_iter().flatten();
             let exchanges = (0..EXCHANGES).map_while(|_| {
                 let asked = clock::now();
                 ask.write_all(b"\n").ok()?;

@@ -60,13 +60,18 @@ impl HostChecks<'_> {
         let place = host.to_string();
         // A shared connection would hide a key that was removed, and a changed host key.
         self.ssh.forget(host);
-        if let Err(sentence) = self.ssh.run(host, "true", &Arc::default(), LOGIN) {
-            let sentence = sentence.strip_prefix(&format!("{host}: ")).unwrap_or(&sentence).to_owned();
-            asked.lines.push(Line::of_sentence(place, "ssh", &sentence, &format!("`ssh {host} true` shows more")));
+        let login = self.ssh.run(host, "true", &Arc::default(), LOGIN);
+        if let Err(sentence) = &login {
+            let sentence = sentence.strip_prefix(&format!("{host}: ")).unwrap_or(sentence);
+            asked.lines.push(Line::of_sentence(place, "ssh", sentence, &format!("`ssh {host} true` shows more")));
             asked.agents.extend(nodes.iter().map(|node| (node.id, Agent::Unknown)));
             return asked;
         }
         asked.lines.push(Line::new(place.as_str(), "ssh", "login works"));
+        if let Some(printed) = login.ok().map(|output| output.of_shell).filter(|printed| !printed.is_empty()) {
+            let found = format!("the shell of this account prints \"{printed}\" around every answer, which is passed over");
+            asked.lines.push(Line::new(place.as_str(), "shell", found));
+        }
         asked.lines.push(self.clock(host));
         for node in nodes {
             self.node(host, node, &mut asked);

@@ -137,8 +137,8 @@ fn a_request_is_answered_by_the_program_that_the_node_runs() {
 }
 
 #[test]
-fn a_probe_is_read_after_other_output_of_the_shell() {
-    let output = "Welcome to heli1!\nskein platform Linux x86_64\nskein libc glibc 2.36\nskein sum 00ff  -\n\
+fn a_probe_is_read_by_the_names_of_its_lines() {
+    let output = "skein platform Linux x86_64\nskein libc glibc 2.36\nskein sum 00ff  -\n\
                 skein disk /dev/my disk 1000 400 600 40% /\n";
     let full = probed(output).unwrap();
     let glibc = Some((2, 36));
@@ -147,34 +147,35 @@ fn a_probe_is_read_after_other_output_of_the_shell() {
     let bare = output.replace("skein sum 00ff  -\n", "").replace("glibc 2.36", "");
     let bare = probed(&bare).unwrap();
     assert_eq!((bare.glibc, bare.sum), (None, None));
-    assert_eq!(probed("Welcome\n"), None);
+    assert_eq!(probed("skein platform Linux x86_64\n"), None);
 }
 
 #[test]
 fn every_text_of_an_answer_is_made_safe_for_a_terminal() {
     let hostile = r#"{"Facts":{"current":{"release":"r\u001b[2J","bundle":"b\nnode 9"},"previous":null,"service":null,"agent":null,"free_bytes":1}}"#;
-    let output = CommandOutput { status: 0, stdout: hostile.to_owned(), stderr: String::new() };
+    let output = CommandOutput { status: 0, stdout: hostile.to_owned(), stderr: String::new(), of_shell: String::new() };
     let Ok(Answer::Facts(facts)) = answer(&heli("h"), &output) else { panic!("facts") };
     let current = facts.current.unwrap();
     assert_eq!((current.release.as_str(), current.bundle.as_str()), ("r\\u001b[2J", "b\\u000anode 9"));
     let output = CommandOutput { stdout: "{\"Failed\":\"\\u009b31m\"}".to_owned(), ..output };
     assert_eq!(answer(&heli("h"), &output), Err(Fault::Failed("h: \\u009b31m".to_owned())));
-    let output = CommandOutput { status: 1, stdout: String::new(), stderr: "no\u{7}\n".to_owned() };
+    let output = CommandOutput { status: 1, stdout: String::new(), stderr: "no\u{7}\n".to_owned(), ..output };
     assert_eq!(answer(&heli("h"), &output), Err(Fault::Failed("h: no\\u0007".to_owned())));
 }
 
 #[test]
-fn the_answer_is_the_last_line() {
+fn the_answer_is_all_of_the_output() {
     let output = |status, stdout: &str, stderr: &str| CommandOutput {
         status,
         stdout: stdout.to_owned(),
         stderr: stderr.to_owned(),
+        of_shell: String::new(),
     };
     let answered = |output: CommandOutput| answer(&heli("heli1"), &output);
     let simulator = Answer::Simulator(Ok("X-Plane".to_owned()));
     let line = serde_json::to_string(&simulator).unwrap();
-    assert_eq!(answered(output(0, &format!("Welcome\n{line}\n\n"), "")), Ok(simulator));
-    assert_eq!(answered(output(0, "Welcome\nskein: not installed\n", "")), Err(Fault::NotInstalled));
+    assert_eq!(answered(output(0, &format!("{line}\n"), "")), Ok(simulator));
+    assert_eq!(answered(output(0, "skein: not installed\n", "")), Err(Fault::NotInstalled));
     let failed = |why: &str| Err(Fault::Failed(format!("heli1: {why}")));
     assert_eq!(answered(output(0, "{\"Failed\":\"no room\"}\n", "")), failed("no room"));
     let none = "{\"Failed\":\"nothing is installed for node 3\"}\n";

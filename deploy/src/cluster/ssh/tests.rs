@@ -20,7 +20,7 @@ pub(in crate::cluster) fn fake(folder: &Path, script: &str) -> Ssh {
         arguments.display()
     );
     fs::write(&path, text).unwrap();
-    Ssh { program: vec!["sh".into(), path.into()], sharing: None, verbose: false }
+    Ssh { program: vec!["sh".into(), path.into()], session: Vec::new(), sharing: None, verbose: false }
 }
 
 /// A host that is this PC, with its home folder in `folder`.
@@ -57,22 +57,29 @@ fn none() -> Arc<[u8]> {
 }
 
 #[test]
-fn the_command_line_overrides_nothing_in_the_users_configuration() {
+fn the_command_line_overrides_only_the_session_in_the_users_configuration() {
     let folder = tempfile::tempdir().unwrap();
     let mut ssh = fake(folder.path(), "exit 0");
-    ssh.run(&heli("heli1"), "uname -sm", &none(), LONG).unwrap();
+    ssh.session = vec!["-o".to_owned(), "SessionType=default".to_owned()];
+    let error = ssh.run(&heli("heli1"), "uname -sm", &none(), LONG).unwrap_err();
+    assert!(error.starts_with("heli1: the login shell of this account ended with status 0 without running"), "{error}");
     ssh.sharing = Some("/run/user/7/skein/s-%C".to_owned());
     let host = Host { name: "heli2".to_owned(), user: Some("lab".to_owned()) };
-    ssh.run(&host, "sh -c 'x y'", &none(), LONG).unwrap();
+    ssh.run(&host, "sh -c 'x y'", &none(), LONG).unwrap_err();
     ssh.close(&host);
     let arguments = fs::read_to_string(folder.path().join("arguments")).unwrap();
-    let plain = "-T -o BatchMode=yes -o ConnectTimeout=5";
+    let is_mark = |part: &&str| part.starts_with("skein-");
+    let arguments = arguments.replace('\n', " ");
+    let given: Vec<&str> = arguments.trim_end().split(' ').map(|part| if is_mark(&part) { "MARK" } else { part }).collect();
+    let marked = |command: &str| format!("sh -c {} MARK {}", quote(marks::SCRIPT), quote(command));
+    let plain = "-T -o BatchMode=yes -o ConnectTimeout=5 -o SessionType=default";
     let shared = format!(
         "{plain} -o ControlMaster=auto -o ControlPersist=60 -o ControlPath=/run/user/7/skein/s-%C -o ServerAliveInterval=5 \
          -o ServerAliveCountMax=2 -l lab"
     );
-    let expected = [plain, "-- heli1", "uname -sm", &shared, "-- heli2", "sh -c 'x y'", &shared, "-O exit -- heli2"];
-    assert_eq!(arguments.replace('\n', " ").trim_end(), expected.join(" "));
+    let (first, second) = (marked("uname -sm"), marked("sh -c 'x y'"));
+    let expected = [plain, "-- heli1", &first, &shared, "-- heli2", &second, &shared, "-O exit -- heli2"];
+    assert_eq!(given.join(" "), expected.join(" "));
     assert!(!arguments.contains("KnownHosts") && !arguments.contains("StrictHostKey"));
     let typed = shown(Command::new("ssh").args(["-o", "A=b", "--", "heli1", "sh -c 'x'"]));
     assert_eq!(typed, r"ssh -o A=b -- heli1 'sh -c '\''x'\'''");
@@ -105,6 +112,28 @@ fn input_and_output_are_complete() {
 }
 
 #[test]
+fn what_the_accounts_shell_prints_is_no_part_of_the_output() {
+    let folder = tempfile::tempdir().unwrap();
+    for (before, after) in [
+        ("printf '\\033]0;title\\007'", ""),
+        ("echo Welcome; echo tired >&2", "printf bye; echo late >&2"),
+        ("printf '{'", "echo '}'; exit 255"),
+        ("set -x", "exit 9"),
+    ] {
+        let ssh = fake(folder.path(), &format!("{before}; sh -c \"$command\"; {after}"));
+        let output = ssh.run(&heli("h"), "printf 'a\\nb'; echo no >&2; exit 3", &none(), LONG).unwrap();
+        assert_eq!((output.status, output.stdout.as_str(), output.stderr.as_str()), (3, "a\nb", "no\n"), "{before} {after}");
+        assert_eq!(output.of_shell.is_empty(), before == "set -x", "{before} {after}: {output:?}");
+        let mut lines = Vec::new();
+        let ended = ssh.lines(&heli("h"), "printf 'a\\nb'", &none(), |line| lines.push(line.to_owned()));
+        assert_eq!((ended, lines), (Ok(()), vec!["a".to_owned(), "b".to_owned()]), "{before} {after}");
+    }
+    let ssh = fake(folder.path(), "echo 'This account is not available.'; exit 1");
+    let error = ssh.run(&heli("h"), "true", &none(), LONG).unwrap_err();
+    assert!(error.contains("status 1 without running the command and printed \"This account is not available.\""), "{error}");
+}
+
+#[test]
 fn lines_arrive_while_the_command_runs() {
     let folder = tempfile::tempdir().unwrap();
     let ssh = local(folder.path());
@@ -130,7 +159,7 @@ fn a_failure_is_reported_as_one_sentence() {
     let sentence = "heli1: no ssh server answers; start its sshd, or give its port in ~/.ssh/config";
     assert_eq!(ssh.run(&heli("heli1"), "x", &none(), LONG), Err(sentence.to_owned()));
     assert_eq!(ssh.lines(&heli("heli1"), "x", &none(), |_| ()), Err(sentence.to_owned()));
-    let missing = Ssh { program: vec![folder.path().join("none").into()], sharing: None, verbose: false };
+    let missing = Ssh { program: vec![folder.path().join("none").into()], session: Vec::new(), sharing: None, verbose: false };
     let error = missing.run(&heli("heli1"), "x", &none(), LONG).unwrap_err();
     assert_eq!(error, "`ssh` was not found on this PC; install OpenSSH's client");
 }
@@ -149,9 +178,9 @@ fn a_host_that_hangs_is_given_up() {
 fn a_connection_that_stays_open_does_not_delay_the_result() {
     let folder = tempfile::tempdir().unwrap();
     // Older versions of ssh kept standard error open like this.
-    let ssh = fake(folder.path(), "sleep 100 >/dev/null & echo $! > pid; echo warned >&2; echo done");
+    let ssh = fake(folder.path(), "sleep 100 >/dev/null & echo $! > pid; exec sh -c \"$command\"");
     let begun = clock::now();
-    let output = ssh.run(&heli("heli1"), "x", &none(), LONG).unwrap();
+    let output = ssh.run(&heli("heli1"), "echo warned >&2; echo done", &none(), LONG).unwrap();
     assert_eq!((output.stdout.as_str(), output.error_text().as_str()), ("done\n", "warned"));
     assert!(clock::now() - begun < LONG);
     let pid = fs::read_to_string(folder.path().join("pid")).unwrap();
