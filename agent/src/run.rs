@@ -19,12 +19,13 @@ mod silence;
 pub mod simulated;
 mod timing;
 
-use std::io::{self, BufRead};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use std::thread;
+use std::time::Duration;
 
 use skein_common::frame::Origin;
 use skein_common::id::Incarnation;
@@ -58,6 +59,10 @@ pub const RELEASE: &str = "SKEIN_RELEASE";
 /// incarnation larger even if the clock was set back; peers would otherwise discard its messages as those of an earlier
 /// incarnation.
 pub const INCARNATION_FILE: &str = "SKEIN_LIFE";
+
+/// How long an agent whose launcher has ended flies beyond the stated duration of its flight: the launcher counts that duration
+/// from when all agents were ready.
+const UNATTENDED: Duration = Duration::from_secs(30);
 
 /// Requests that an agent end.
 #[derive(Debug, Default)]
@@ -136,7 +141,8 @@ pub fn program(options: &AgentOptions) -> ExitCode {
     let stop = Arc::new(Stop::default());
     stop_on_signals(runtime.handle(), stop.clone());
     if options.child {
-        stop_on_stdin(stop.clone());
+        let stated = node.scenario.duration_s.and_then(|duration_s| Duration::try_from_secs_f64(duration_s).ok());
+        stop_on_input(io::stdin(), stop.clone(), stated.map(|stated| stated + UNATTENDED));
     } else if node.run != 0 {
         // On a cluster no launcher watches the agent, so it ends by itself after an order has landed it.
         stop.abandon();
@@ -282,16 +288,23 @@ fn stop_on_signals(tokio: &Handle, stop: Arc<Stop>) {
     });
 }
 
-/// Requests the end once for each line "stop". The end of the input requests nothing, because the launcher may have
-/// been killed.
-fn stop_on_stdin(stop: Arc<Stop>) {
+/// Requests the end once for each line "stop". The end of the input, as of a killed launcher, requests the end only when
+/// the agent has run for this time, that of a flight with a stated duration.
+fn stop_on_input(input: impl Read + Send + 'static, stop: Arc<Stop>, within: Option<Duration>) {
+    let began = skein_host::clock::now();
     thread::spawn(move || {
-        for line in io::stdin().lock().lines().map_while(Result::ok) {
+        for line in BufReader::new(input).lines().map_while(Result::ok) {
             if line.trim() == "stop" {
                 stop.request();
             }
         }
         stop.abandon();
+        let Some(within) = within else { return };
+        skein_host::clock::sleep(within.saturating_sub(skein_host::clock::now() - began));
+        if !stop.is_requested() {
+            tracing::warn!("the stated duration of the flight is over, and its launcher has ended: landing");
+            stop.request();
+        }
     });
 }
 

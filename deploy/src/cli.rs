@@ -19,6 +19,7 @@ use crate::fly::{self, FlyArgs};
 use crate::manual::{self, CompletionsArgs, ManArgs};
 use crate::new::{self, NewArgs};
 use crate::order::{self, OrderArgs};
+use crate::os;
 use crate::place::{self, PlaceArgs};
 use crate::record::{self, RecordArgs};
 use crate::release::{self, ReleaseArgs};
@@ -115,6 +116,7 @@ pub fn main_with(laws: Laws) -> ExitCode {
         draw(&version::details());
         return finish(Ok(()));
     }
+    os::report_file_size_limit();
     match laws.add() {
         Ok(()) => run(parsed::<Cli>().command),
         Err(fault) => Error::Refused(fault.to_string()).report(),

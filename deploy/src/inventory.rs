@@ -3,6 +3,7 @@
 
 pub mod find;
 mod read;
+mod reserved;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,6 +14,8 @@ use skein_common::id::{SwarmName, VehicleName};
 use skein_common::scenario::{Described, PlantKind};
 
 use crate::landing;
+use crate::simulators::HostPort;
+use skein_lab::error::Error;
 
 /// A cluster file and its scenario, both read and checked.
 #[derive(Clone, Debug)]
@@ -42,6 +45,26 @@ impl Inventory {
     pub fn dialled_by(&self, id: VehicleName) -> Vec<String> {
         let dialled = fleet::dialled(id, self.scenario.all()).filter_map(|id| self.nodes.get(&id));
         dialled.map(|node| node.endpoint(self.security)).collect()
+    }
+
+    /// Checks that no host, address or simulator is one that is reserved for documentation, as in the example file. Every
+    /// command does so before it connects to a host of the cluster.
+    ///
+    /// # Errors
+    /// If one is: the node and the name.
+    pub fn check_hosts(&self) -> Result<(), Error> {
+        for node in self.nodes.values() {
+            let simulator = node.xplane.as_ref().and_then(|text| text.parse::<HostPort>().ok()).map(|at| at.host);
+            let names = [node.host.as_ref(), Some(&node.address), simulator.as_ref()];
+            if let Some(name) = names.into_iter().flatten().find(|name| reserved::is_for_documentation(name)) {
+                return Err(Error::Refused(format!(
+                    "{}: node {} has {name}, which is reserved for documentation: no host is called; put your hosts in",
+                    self.path.display(),
+                    node.id
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Time limit for the landing of any vehicle that flies the scenario, s.

@@ -43,6 +43,13 @@ impl Interrupts {
     }
 }
 
+/// Makes a write beyond the size limit of files (`ulimit -f`) an error, as on a full disk, instead of the end of this process.
+/// The programs that it starts are not affected.
+pub fn report_file_size_limit() {
+    // Without this the system ends the process; it flies all the same.
+    let _ = imp::report_file_size_limit();
+}
+
 /// Describes how a process ended: its exit status or its signal.
 pub fn how_it_ended(status: ExitStatus) -> String {
     match (status.code(), imp::signal(status)) {
@@ -273,6 +280,13 @@ mod imp {
         Ok(())
     }
 
+    pub(super) fn report_file_size_limit() -> io::Result<()> {
+        // A caught signal lets the write fail; the listener stays after its runtime has ended.
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
+        let _inside = runtime.enter();
+        tokio::signal::unix::signal(SignalKind::from_raw(Signal::XFSZ.as_raw())).map(drop)
+    }
+
     pub(super) fn signal(status: ExitStatus) -> Option<i32> {
         status.signal()
     }
@@ -283,17 +297,17 @@ mod imp {
 
     pub(super) fn private_folder(path: &Path) -> io::Result<()> {
         if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent)?;
+            fs::create_dir_all(parent).map_err(|error| at_owned(path, error))?;
         }
         match fs::DirBuilder::new().mode(0o700).create(path) {
-            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(at_owned(path, error)),
             _ => {}
         }
         check_own_folder(path)
     }
 
     pub(super) fn check_own_folder(path: &Path) -> io::Result<()> {
-        let found = fs::symlink_metadata(path)?;
+        let found = fs::symlink_metadata(path).map_err(|error| at_owned(path, error))?;
         if found.is_dir() { check_own(path, &found) } else { Err(not_own(path, "is not a folder")) }
     }
 
@@ -311,6 +325,20 @@ mod imp {
         }
         check_own(path, &found)?;
         Ok(file)
+    }
+
+    /// The error with the path, and with the nearest folder above it that exists, its owner and this user.
+    fn at_owned(path: &Path, error: io::Error) -> io::Error {
+        if error.kind() != io::ErrorKind::PermissionDenied {
+            return error;
+        }
+        let own = rustix::process::getuid().as_raw();
+        let above = path.ancestors().skip(1).find_map(|above| Some((above, fs::metadata(above).ok()?)));
+        let whose = above.map_or_else(String::new, |(above, found)| {
+            let (above, owner) = (above.display(), found.uid());
+            format!("; {above} belongs to user {owner} (mode {:o}), and this is user {own}", found.mode() & 0o777)
+        });
+        io::Error::new(error.kind(), format!("{}: {error}{whose}", path.display()))
     }
 
     fn check_own(path: &Path, found: &Metadata) -> io::Result<()> {
@@ -440,6 +468,10 @@ mod imp {
     use std::process::{Child, Command, ExitStatus};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+    pub(super) fn report_file_size_limit() -> io::Result<()> {
+        Ok(())
+    }
 
     pub(super) fn on_interrupt(count: &Arc<AtomicU32>) -> io::Result<()> {
         let count = count.clone();

@@ -177,7 +177,10 @@ impl Place {
     /// If the keys of the cluster are wrong, or the fleet has no team of this number.
     pub fn reach_teams(&self, role: Role, teams: &[TeamId]) -> Result<Vec<Reach>, Error> {
         let mut reaches: Vec<Reach> = match self {
-            Self::Cluster(inventory) => inventory.reaches(role)?,
+            Self::Cluster(inventory) => {
+                inventory.check_hosts()?;
+                inventory.reaches(role)?
+            }
             Self::Here(there) => there.branches().into_iter().map(|branch| Reach::here(there, branch)).collect(),
         };
         let has = |team: TeamId| reaches.iter().any(|reach| reach.branch.team() == Some(team));

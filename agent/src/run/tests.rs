@@ -497,3 +497,33 @@ fn without_a_simulator_the_agent_ends_on_request_without_landing() {
     flight.stop.request();
     flight.end();
 }
+
+#[test]
+fn an_agent_without_its_launcher_ends_with_the_stated_duration() {
+    let waits = |stop: &Stop| {
+        let until = now() + TIMEOUT;
+        while !stop.is_requested() && now() < until {
+            skein_host::clock::sleep(Duration::from_millis(5));
+        }
+        stop.is_requested()
+    };
+    let stop = Arc::new(Stop::default());
+    stop_on_input(io::empty(), stop.clone(), Some(Duration::from_millis(1)));
+    assert!(waits(&stop) && stop.is_abandoned() && !stop.is_urgent());
+    // The launcher's own request is not repeated, because a second one would end the agent before it has landed.
+    let stop = Arc::new(Stop::default());
+    stop_on_input(&b"stop\n"[..], stop.clone(), Some(Duration::ZERO));
+    assert!(waits(&stop));
+    let until = now() + TIMEOUT;
+    while !stop.is_abandoned() && now() < until {
+        skein_host::clock::sleep(Duration::from_millis(5));
+    }
+    assert!(!stop.is_urgent());
+    // Without a stated duration it flies on.
+    let stop = Arc::new(Stop::default());
+    stop_on_input(io::empty(), stop.clone(), None);
+    while !stop.is_abandoned() {
+        skein_host::clock::sleep(Duration::from_millis(5));
+    }
+    assert!(!stop.is_requested());
+}

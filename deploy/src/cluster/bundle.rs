@@ -36,7 +36,21 @@ impl std::fmt::Debug for BundleFile {
     }
 }
 
+/// Path of the certificate of the swarm's authority among a node's files.
+pub const AUTHORITY_FILE: &str = "keys/authority.pem";
+
+/// Identifies an authority by its certificate: the first 16 hexadecimal digits of a SHA-256 over its text.
+pub fn authority_of(certificate: &[u8]) -> String {
+    let digest = ring::digest::digest(&ring::digest::SHA256, certificate.trim_ascii());
+    digest.as_ref().iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+}
+
 impl Bundle {
+    /// Identifies the authority that has issued the node's certificate; `None` where links are plain.
+    pub fn authority(&self) -> Option<String> {
+        self.files.get(AUTHORITY_FILE).map(|file| authority_of(&file.content))
+    }
+
     /// Identifies these contents: the first 16 hexadecimal digits of a SHA-256 over paths, modes and bytes.
     pub fn id(&self) -> String {
         let mut digest = ring::digest::Context::new(&ring::digest::SHA256);

@@ -39,6 +39,7 @@ impl Line {
 /// If the cluster file or the scenario is wrong, or anything was found that would prevent a flight.
 pub(crate) fn run(file: &Path, json: bool) -> Result<(), Error> {
     let inventory = Inventory::read(file)?;
+    inventory.check_hosts()?;
     let lines = check_all(&inventory, &file.display().to_string());
     skein_lab::terminal::say(&if json { skein_lab::terminal::json(&lines) } else { as_table(&lines) });
     verdict(&lines)

@@ -110,7 +110,7 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
             let demand = Demand { agents, swarm, traces: false };
             return Ok(Answer::Carries(capacity::exceeded_by(demand).map_err(|error| error.to_string())?));
         }
-        Ask::Apply { .. } => node::make_folders(&[node.installs(), node.run(), node.log()])?,
+        Ask::Apply { .. } | Ask::TakeOver { .. } => node::make_folders(&[node.installs(), node.run(), node.log()])?,
         // The node was removed or never installed: only shared files may have to be removed.
         Ask::Remove { .. } if !node.path.exists() => {
             let changed = install::remove(place, &node)?;
@@ -126,8 +126,10 @@ fn answer(place: &Place, request: Request) -> Result<Answer, String> {
         forced = ended.by_force;
         Ok::<_, String>(ended.was_busy)
     };
+    let takes_over = matches!(ask, Ask::TakeOver { .. });
     let changed = match ask {
-        Ask::Apply { bundle, service, log } => {
+        Ask::Apply { bundle, service, log } | Ask::TakeOver { bundle, service, log } => {
+            node.check_owner(bundle.authority().as_deref(), takes_over)?;
             let settings = Settings { service: service::resolve(place, &node, service)?, log };
             // Do both in any case.
             let of_service = service::install_service(place, &node, &settings)?;

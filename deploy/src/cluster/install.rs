@@ -4,6 +4,7 @@
 //! restarted one by one.
 
 mod manual;
+pub(super) mod owner;
 mod roll;
 mod row;
 
@@ -42,6 +43,9 @@ pub struct InstallArgs {
     /// Bring back what each node had before, instead of installing anything
     #[arg(long, conflicts_with = "dry_run")]
     pub rollback: bool,
+    /// Install also where another authority owns the node; refused while a vehicle of that authority flies
+    #[arg(long, conflicts_with = "rollback")]
+    pub take_over: bool,
     /// How long a vehicle that is restarted may take to be ready again, s
     #[arg(long = "timeout", value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
     pub timeout_s: f64,
@@ -72,6 +76,13 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     let progress = args.nodes.progress();
     let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
     let given = if args.rollback { BTreeMap::new() } else { prepare(&chosen)? };
+    if args.take_over || args.rollback {
+        let flown = owner::flown_by_another(&remote, &chosen);
+        if !flown.is_empty() {
+            drop(progress);
+            return Err(Error::Refused(flown));
+        }
+    }
     let install = Install { args, remote, given: &given, progress: &progress };
     let done = at_once(&chosen.hosts(), |(host, nodes)| install.on(host, nodes));
     let (mut rows, mut restarts) = (BTreeMap::new(), Vec::new());
@@ -191,7 +202,11 @@ impl Install<'_> {
         }
         line.say(&format!("configuring node {}", node.id));
         let begun = clock::now();
-        let ask = Ask::Apply { bundle: given.bundle.clone(), service: node.service, log: node.log.clone() };
+        let (bundle, service, log) = (given.bundle.clone(), node.service, node.log.clone());
+        let ask = match self.args.take_over {
+            true => Ask::TakeOver { bundle, service, log },
+            false => Ask::Apply { bundle, service, log },
+        };
         let answer = self.remote.ask_release(host, node, &given.program.release, ask);
         row.apply_s = (clock::now() - begun).as_secs_f64();
         let (changed, facts) = done(host, answer)?;
@@ -221,6 +236,7 @@ impl Install<'_> {
         let probed = self.remote.probe(host, node, &program.release)?;
         row.probe_s = (clock::now() - begun).as_secs_f64();
         program.fits(&probed.platform, probed.glibc).map_err(|why| format!("{host}: {why}"))?;
+        probed.folder.usable(program.bytes.len() as u64).map_err(|fault| format!("{host}: {fault}"))?;
         if probed.sum.as_ref() == Some(&program.sum) {
             return Ok(());
         }

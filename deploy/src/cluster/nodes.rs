@@ -69,9 +69,10 @@ impl Chosen {
     /// Reads a cluster file and chooses these nodes; no ids choose all.
     ///
     /// # Errors
-    /// If the file is wrong, or has no such node.
+    /// If the file is wrong, has no such node, or has hosts that are reserved for documentation.
     pub fn read(path: &Path, ids: &[VehicleName]) -> Result<Self, Error> {
         let inventory = Inventory::read(path)?;
+        inventory.check_hosts()?;
         if let Some(id) = ids.iter().find(|id| !inventory.nodes.contains_key(id)) {
             return Err(Error::Refused(format!("{}: has no node {id}", path.display())));
         }

@@ -36,6 +36,15 @@ pub enum Ask {
         /// Log filter of the agent, in the syntax of `RUST_LOG`.
         log: Option<String>,
     },
+    /// Like `Apply`, also if the node belongs to another authority, but not while its agent runs under that authority.
+    TakeOver {
+        /// The node's files.
+        bundle: Bundle,
+        /// As in `Apply`.
+        service: ServiceKind,
+        /// As in `Apply`.
+        log: Option<String>,
+    },
     /// Start the agent in this run of the swarm. A running agent is not affected.
     Start {
         /// Id of the run, drawn by `up`: orders of other runs are void.
@@ -136,8 +145,25 @@ pub enum Reached {
     Taken,
     /// The host refused: no process listens there, as before `up`, or a firewall resets connections.
     Refused,
-    /// No answer, or the host cannot be found: the reason.
-    No(String),
+    /// No connection: the cause, and the reason as the caller's system gives it.
+    No(Cause, String),
+}
+
+/// Why a connection cannot be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Cause {
+    /// The name of the host cannot be resolved.
+    Name,
+    /// The caller's network has no route to the address, or its router reports the host as absent.
+    Route,
+    /// The caller's system does not accept the address.
+    Address,
+    /// The caller's own system forbids it.
+    Forbidden,
+    /// No answer came in time.
+    Silence,
+    /// Anything else.
+    Other,
 }
 
 /// What is installed and running of one node on its host.
@@ -154,6 +180,9 @@ pub struct Facts {
     /// The operator's note of the run that was started last, whether its agent is running or not.
     #[serde(default)]
     pub note: Option<RunNote>,
+    /// The authority whose keys are installed, as [`Bundle::authority`] identifies it; `None` where links are plain.
+    #[serde(default)]
+    pub authority: Option<String>,
     /// The addresses of the host's network interfaces; none if the system does not report them.
     #[serde(default)]
     pub addresses: Vec<IpAddr>,

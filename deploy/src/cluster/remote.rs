@@ -21,9 +21,9 @@ const PLACED_WITHIN: Duration = Duration::from_secs(100);
 /// Slowest network for a copy, bytes/s.
 const SLOWEST: u64 = 256 * 1024;
 
-/// Script that probes a host. It is passed to the login shell, of whatever kind, as one argument: a script without `'`,
+/// Script that probes a host, and copies and runs a program of a few bytes where the folder is. It is passed to the login shell, of whatever kind, as one argument: a script without `'`,
 /// line ends and csh's `!`, followed by its arguments. `$1` is the swarm's folder.
-const PROBE: &str = r#"echo "skein platform $(uname -sm)"; echo "skein libc $(getconf GNU_LIBC_VERSION 2>/dev/null)"; p="$1/releases/$2/skein"; if [ -x "$p" ]; then echo "skein sum $(sha256sum < "$p")"; fi; d=$1; until [ -d "$d" ]; do d=$(dirname -- "$d"); done; echo "skein disk $(df -Pk -- "$d" | tail -n 1)""#;
+const PROBE: &str = r##"echo "skein platform $(uname -sm)"; echo "skein libc $(getconf GNU_LIBC_VERSION 2>/dev/null)"; p="$1/releases/$2/skein"; if [ -x "$p" ]; then echo "skein sum $(sha256sum < "$p")"; fi; d=$1; until [ -d "$d" ]; do d=$(dirname -- "$d"); done; echo "skein disk $(df -Pk -- "$d" | tail -n 1)"; echo "skein folder $d"; echo "skein user $(id -un 2>/dev/null || id -u)"; echo "skein owner $(set -- $(ls -ld -- "$d"); echo "$3")"; echo "skein limit $(ulimit -f)"; t="$d/.skein-probe.$$"; if w=$( { printf "#\041/bin/sh\nexit 0\n" > "$t" && chmod 700 "$t"; } 2>&1 ); then case $t in /*) ;; *) t="./$t";; esac; x=$("$t" 2>&1) || echo "skein run $x "; else echo "skein write $w "; fi; rm -f -- "$t" 2>/dev/null"##;
 /// Script that copies the program: `$2` is the release, `$3` the checksum, `$4` the version that the program must
 /// print. If anything fails, nothing is left.
 const COPY: &str = r#"umask 077; b=$1; d="$1/releases/$2"; f="$d/draft.$$"; c() { rm -f -- "$f"; rmdir -- "$d" "$b/releases" "$b" "${b%/*}" 2>/dev/null; }; trap c EXIT; trap "exit 1" HUP INT TERM; mkdir -p -- "$d" && cat > "$f" || exit 1; s=$(sha256sum < "$f"); if [ "${s%% *}" != "$3" ]; then echo "the program was damaged during the copy" >&2; exit 1; fi; chmod 700 "$f" || exit 1; v=$("$f" --version) || exit 1; v=$(printf "%s\n" "$v" | sed 1q); if [ "$v" != "$4" ]; then echo "the program reports version $v, not $4" >&2; exit 1; fi; mv -f -- "$f" "$d/skein""#;
@@ -64,6 +64,54 @@ pub struct Probed {
     pub sum: Option<String>,
     /// Free space in the file system of the folder, bytes.
     pub free_bytes: u64,
+    /// What this user can do where the folder is.
+    pub folder: FolderProbe,
+}
+
+/// What this user can do in a node's folder, or in the nearest one above it that exists.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FolderProbe {
+    /// The path of that folder.
+    pub path: String,
+    /// The user who has logged in.
+    pub user: String,
+    /// The user to whom the folder belongs.
+    pub owner: String,
+    /// Why no file can be written there.
+    pub unwritable: Option<String>,
+    /// Why a small program that was copied there does not run.
+    pub unrunnable: Option<String>,
+    /// Size limit of this user's files, bytes.
+    pub limit_bytes: Option<u64>,
+}
+
+impl FolderProbe {
+    /// Checks that a program of this size, bytes, can be copied there and run.
+    ///
+    /// # Errors
+    /// If not: `what is wrong; what to do`, with the path, its owner and the cause.
+    pub fn usable(&self, size: u64) -> Result<(), String> {
+        let Self { path, user, owner, .. } = self;
+        if let Some(why) = &self.unwritable {
+            return Err(format!(
+                "{user} cannot write in {path}, which belongs to {owner}: {why}; set `folder` to a folder of {user} on a file \
+                 system that can be written, or let `sudo chown {user} {path}` or a remount make this one so"
+            ));
+        }
+        if let Some(why) = &self.unrunnable {
+            return Err(format!(
+                "a program in {path}, which belongs to {owner}, does not run: {why}; set `folder` to one on a file system without \
+                 `noexec` (`findmnt -T {path}` shows its options)"
+            ));
+        }
+        if let Some(limit) = self.limit_bytes.filter(|limit| *limit < size) {
+            return Err(format!(
+                "files of {user} in {path} may have {limit} bytes, and the program has {size}; raise the limit `ulimit -f` of \
+                 this account (/etc/security/limits.conf, `fsize`)"
+            ));
+        }
+        Ok(())
+    }
 }
 
 /// Sends requests to the hosts of one swarm.
@@ -190,10 +238,28 @@ fn with_printable(value: Value) -> Value {
 
 fn probed(stdout: &str) -> Option<Probed> {
     let value = |name: &str| {
-        let mut lines = stdout.lines().filter_map(|line| line.trim().strip_prefix("skein ")?.strip_prefix(name));
+        let mut lines =
+            stdout.lines().filter_map(|line| line.trim().strip_prefix("skein ")?.strip_prefix(name)?.strip_prefix(' '));
         lines.next().map(str::trim)
     };
+    let text = |name: &str| printable(value(name).unwrap_or_default(), MAX_SENTENCE);
+    let why = |name: &str| {
+        let all = value(name)?;
+        // A shell puts its own name and the file before the cause.
+        let cause = all.rsplit(": ").next().filter(|cause| !cause.is_empty()).unwrap_or("no reason given");
+        Some(printable(cause, MAX_SENTENCE))
+    };
+    let folder = FolderProbe {
+        path: text("folder"),
+        user: text("user"),
+        owner: text("owner"),
+        unwritable: why("write"),
+        unrunnable: why("run"),
+        // In blocks of 512 bytes.
+        limit_bytes: value("limit").and_then(|blocks| blocks.parse::<u64>().ok()?.checked_mul(512)),
+    };
     Some(Probed {
+        folder,
         platform: printable(value("platform")?, MAX_SENTENCE),
         glibc: value("libc").and_then(program::glibc),
         sum: value("sum").and_then(|sum| sum.split(' ').next()).map(str::to_owned),

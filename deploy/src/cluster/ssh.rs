@@ -264,7 +264,8 @@ impl Ssh {
 
 /// The sentence for a login shell that ended without running the command.
 fn not_begun(host: &Host, status: i32, stdout: &str, stderr: &str) -> String {
-    let printed = [stdout.trim(), stderr.trim()].into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n");
+    let printed =
+        [stdout.trim(), stderr.trim()].into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n");
     let printed = match printed.as_str() {
         "" => String::new(),
         printed => format!(" and printed \"{}\"", printable(printed, MAX_SENTENCE)),

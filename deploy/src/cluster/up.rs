@@ -12,6 +12,7 @@ use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::VehicleName;
 
 use super::flown::Evidence;
+use super::install::owner;
 use super::nodes::{self, Chosen, NodesArgs, Progress, is_seconds};
 use super::protocol::{Answer, Ask, RunningAgent};
 use super::ready::{CONTACT_TIMEOUT, POLL_PERIOD, Watch};
@@ -98,8 +99,16 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
     let mut rows: BTreeMap<VehicleName, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
-    let (running, notes) = up.ask(&mut rows);
+    let (running, notes, owned) = up.ask(&mut rows);
     let asked_s = progress.seconds();
+    if !owned.is_empty() {
+        drop(progress);
+        return Err(Error::Refused(format!(
+            "node {} belongs to another authority than the keys of this PC; start it with that authority's keys, or take it \
+             over with `skein cluster install --take-over` while no vehicle flies",
+            nodes::list(&owned)
+        )));
+    }
     if !args.anyway {
         let full = up.full(&running, &rows);
         if !full.is_empty() && !capacity::agrees(&full.join("\n")) {
@@ -191,15 +200,19 @@ struct Up<'a> {
 
 impl Up<'_> {
     /// Asks what is running already, and for the notes of runs that hosts keep. A host that cannot be asked is noted in
-    /// its rows.
-    fn ask(&self, rows: &mut BTreeMap<VehicleName, Row>) -> (RunningAgents, Vec<RunNote>) {
+    /// its rows. The last of the results are the nodes that belong to another authority.
+    fn ask(&self, rows: &mut BTreeMap<VehicleName, Row>) -> (RunningAgents, Vec<RunNote>, Vec<VehicleName>) {
+        let own = owner::of(&self.chosen.inventory);
         let asked = at_once(&self.chosen.hosts(), |(host, nodes)| {
             let line = self.progress.line(host);
             line.say("asking what runs");
             let mut all = Vec::new();
             for node in nodes {
                 let fact = match self.remote.ask(host, node, Ask::Facts) {
-                    Ok(Answer::Facts(facts)) if facts.current.is_some() => Ok((facts.agent, facts.note)),
+                    Ok(Answer::Facts(facts)) if facts.current.is_some() => {
+                        let is_owned = owner::another(&facts, own.as_deref()).is_some();
+                        Ok((facts.agent, facts.note, is_owned))
+                    }
                     Ok(Answer::Facts(_)) => Err(Fault::NotInstalled.sentence(host)),
                     Ok(other) => Err(format!("{host}: answers {other:?}")),
                     Err(fault) => Err(fault.sentence(host)),
@@ -211,10 +224,11 @@ impl Up<'_> {
             }
             all
         });
-        let (mut running, mut notes) = (RunningAgents::new(), Vec::new());
+        let (mut running, mut notes, mut owned) = (RunningAgents::new(), Vec::new(), Vec::new());
         for (id, fact) in asked.into_iter().flatten() {
             match fact {
-                Ok((agent, note)) => {
+                Ok((agent, note, is_owned)) => {
+                    owned.extend(is_owned.then_some(id));
                     running.insert(id, agent);
                     notes.extend(note);
                 }
@@ -223,7 +237,7 @@ impl Up<'_> {
                 }
             }
         }
-        (running, notes)
+        (running, notes, owned)
     }
 
     /// Returns a text for each host that would have to run more agents than it can, measured there. A host that cannot
@@ -326,10 +340,15 @@ impl Up<'_> {
         let begun = clock::now();
         let line = self.progress.line(&"swarm");
         let all = rows.len();
-        line.say(&format!("waiting for {all} vehicles to say that they are ready"));
+        let awaited = rows.values().filter(|row| row.why.is_none()).count();
+        line.say(&format!("waiting for {awaited} vehicles to say that they are ready"));
         let wanted = rows.keys().map(|id| (*id, None)).collect();
-        let doubtful: Vec<VehicleName> = rows.values().filter(|row| row.why.is_some()).map(|row| row.node).collect();
-        let until = |id| begun + if doubtful.contains(&id) { timeout.min(CONTACT_TIMEOUT) } else { timeout };
+        let out: Vec<VehicleName> = rows.values().filter(|row| row.why.is_some()).map(|row| row.node).collect();
+        if !out.is_empty() {
+            line.say(&format!("node {} is out: not waited for", nodes::list(&out)));
+        }
+        // A vehicle that flew before and whose host cannot be asked has been in contact by now.
+        let until = |id| if out.contains(&id) { begun } else { begun + timeout };
         let mut ready = 0;
         let missing = watch.ready(&wanted, until, |id| {
             ready += 1;

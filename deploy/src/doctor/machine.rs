@@ -143,8 +143,10 @@ fn existing(folder: &Path) -> io::Result<PathBuf> {
 fn runtime_folder() -> Line {
     let folder = endpoints::folder();
     match os::check_own_folder(&folder) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => line("swarms", error.to_string())
-            .fault("remove that folder, or name another: `export XDG_RUNTIME_DIR=FOLDER`"),
+        // It is another user's, as after `su` or `sudo -E`: that user needs it.
+        Err(error) if error.kind() != io::ErrorKind::NotFound => line("swarms", error.to_string()).fault(
+            "name a folder of your own: `export XDG_RUNTIME_DIR=FOLDER`, or `unset XDG_RUNTIME_DIR` after `su` or `sudo -E`",
+        ),
         _ => match endpoints::flying(&folder).as_slice() {
             [] => line("swarms", "none flies on this PC"),
             flying => {

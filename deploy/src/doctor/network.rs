@@ -35,7 +35,7 @@ fn loopback() -> Line {
     match reached {
         Ok(Reached::Taken) => line("loopback", format!("{AGENTS} free ports, and agents reach each other")),
         Ok(Reached::Refused) => unreachable("refused".to_owned()),
-        Ok(Reached::No(why)) => unreachable(why),
+        Ok(Reached::No(_, why)) => unreachable(why),
         Err(error) => unreachable(error.to_string()),
     }
 }

@@ -46,7 +46,9 @@ pub fn prepare_site(described: &Described, out: &Path) -> Result<Site, Error> {
     let agents = endpoints_of(described).map_err(|error| failed("no free ports", error))?;
     let endpoints = Endpoints { swarm: swarm.clone(), pid: std::process::id(), out: out.to_owned(), agents };
     // Before the agents: an agent that outlives this process can be found.
-    let file = endpoints.leave(&endpoints::folder()).map_err(|error| failed("the runtime folder", error))?;
+    let file = endpoints.leave(&endpoints::folder()).map_err(|error| {
+        Error::Failed(format!("the runtime folder: {error}; name one of your own with `export XDG_RUNTIME_DIR=FOLDER`"))
+    })?;
     Ok(Site { endpoints, file, claim })
 }
 

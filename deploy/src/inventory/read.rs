@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 use std::path::{Path, PathBuf};
 
 use skein_agent::config::fleet;
@@ -240,6 +240,9 @@ impl Reader<'_> {
             let help = "`host = \"heli1\"`, as given to ssh; or `install = \"manual\"`, to carry a folder there";
             return Err(self.missing("host", "the host to install on is unknown", help));
         }
+        for key in ["host", "address", "xplane"] {
+            self.not_link_local(key)?;
+        }
         let address = match self.checked("address", "an IP address or a name, without a port", is_address)? {
             Some(address) => address,
             None => match host.as_deref().filter(|host| host.parse::<IpAddr>().is_ok()) {
@@ -325,6 +328,22 @@ impl Reader<'_> {
         }
     }
 
+    /// Refuses a link-local address where the interface of each PC that dials it would have to be known.
+    fn not_link_local(&self, key: &str) -> Result<(), ScenarioError> {
+        let Some(text) = self.value(key) else { return Ok(()) };
+        // ssh on this PC alone dials `host`, and takes the interface behind a `%`.
+        match is_link_local(&text) && !(key == "host" && text.contains('%')) {
+            false => Ok(()),
+            true => {
+                let path = self.path(key);
+                let why = "a link-local address, which each PC can dial only over an interface that it names itself";
+                let help = "give an address that all nodes reach, such as 10.0.0.11 or fd00::11; `ip address` on the host lists its \
+                            addresses";
+                Err(self.written.fault(&path, format!("`{path}` is \"{text}\", {why}"), Some(help.to_owned())))
+            }
+        }
+    }
+
     fn missing(&self, key: &str, why: &str, help: &str) -> ScenarioError {
         let path = format!("{}.{key}", table_of(self.id));
         self.written.fault(&path, format!("`{path}` is missing: {why}"), Some(help.to_owned()))
@@ -340,6 +359,13 @@ fn is_of(text: &str, others: &str) -> bool {
 /// Whether it is a host: an alias, a name or an address, which ssh and a shell cannot misread.
 fn is_host(text: &str) -> bool {
     is_of(text, "._-:%")
+}
+
+/// Whether it is a link-local address of IPv6, with or without a port or an interface.
+fn is_link_local(text: &str) -> bool {
+    let inside = text.strip_prefix('[').map_or(text, |rest| rest.split(']').next().unwrap_or(rest));
+    let address = inside.split('%').next().unwrap_or(inside);
+    address.parse::<Ipv6Addr>().is_ok_and(|address| address.is_unicast_link_local())
 }
 
 fn is_user(text: &str) -> bool {

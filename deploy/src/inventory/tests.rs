@@ -10,7 +10,7 @@ pub(crate) fn lab(folder: &Path, vehicles: usize, more: &str) -> Inventory {
     read(folder, vehicles, &format!("swarm = 'lab'\nscenario = 'hover.toml'\n{more}\n{nodes}")).unwrap()
 }
 
-fn read(folder: &Path, vehicles: usize, text: &str) -> Result<Inventory, skein_lab::error::Error> {
+fn read(folder: &Path, vehicles: usize, text: &str) -> Result<Inventory, Error> {
     fs::write(folder.join("hover.toml"), format!("name = 'hover'\nswarm.vehicles = {vehicles}\n")).unwrap();
     let path = folder.join("cluster.toml");
     fs::write(&path, text).unwrap();
@@ -49,14 +49,59 @@ fn the_example_file_is_valid() {
     assert_eq!(cluster.keys, folder.path().join("keys"));
     assert_eq!(cluster.scenario_folder(), folder.path().join("scenarios"));
     let endpoints: Vec<_> = cluster.nodes.values().map(|node| node.endpoint(cluster.security)).collect();
-    assert_eq!(endpoints, ["tls/10.0.0.11:7447", "tls/10.0.0.12:7448", "tls/10.0.0.12:7449", "tls/10.0.0.14:7450"]);
+    assert_eq!(endpoints, ["tls/192.0.2.11:7447", "tls/192.0.2.12:7448", "tls/192.0.2.12:7449", "tls/192.0.2.14:7450"]);
     assert_eq!(cluster.dialled_by(id(3)), endpoints[..2]);
     let [first, _, third, fourth] = [1, 2, 3, 4].map(|number| &cluster.nodes[&id(number)]);
-    assert_eq!((first.host.as_deref(), first.user.as_deref()), (Some("heli1"), Some("lab")));
+    assert_eq!((first.host.as_deref(), first.user.as_deref()), (Some("heli1.example"), Some("lab")));
     assert_eq!((first.plant, first.xplane.as_deref()), (PlantKind::Xplane, Some("127.0.0.1:49000")));
-    assert_eq!(third.xplane.as_deref(), Some("10.0.0.23:49000"));
+    assert_eq!(third.xplane.as_deref(), Some("192.0.2.23:49000"));
     assert_eq!((fourth.host.as_ref(), fourth.install), (None, Install::Manual));
     assert_eq!((fourth.folder.as_str(), fourth.service), (".skein", ServiceKind::Auto));
+}
+
+#[test]
+fn a_link_local_address_is_refused_where_no_interface_can_be_known() {
+    for lines in [
+        "host = 'fe80::1'",
+        "host = 'heli1'\naddress = 'fe80::1'",
+        "host = 'heli1'\naddress = 'fe80::1%eth0'",
+        "host = 'heli1'\naddress = 'febf::1'",
+        "host = '10.0.0.1'\nplant = 'xplane'\nxplane = '[fe80::1]:49000'",
+        "host = 'fe80::1'\naddress = '10.0.0.1'",
+    ] {
+        let refused = node_refused(lines);
+        assert!(refused.contains("a link-local address, which each PC can dial only over an interface"), "{refused}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let ssh_names_it =
+        format!("{HEAD}[node.1]\nhost = 'fe80::1%eth0'\naddress = 'fd00::1'\n[node.2]\nhost = '10.0.0.2'\n");
+    assert!(read(folder.path(), 2, &ssh_names_it).is_ok());
+}
+
+#[test]
+fn hosts_of_the_documentation_are_not_called() {
+    let folder = tempfile::tempdir().unwrap();
+    let called = |first: &str| {
+        let text = format!("{HEAD}[node.1]\n{first}\n[node.2]\nhost = '10.0.0.2'\n");
+        read(folder.path(), 2, &text).unwrap().check_hosts().map_err(|error| error.to_string())
+    };
+    for first in [
+        "host = '192.0.2.11'",
+        "host = 'heli1'\naddress = '192.0.2.11'",
+        "host = 'heli1'\naddress = '198.51.100.1'",
+        "host = '10.0.0.1'\nplant = 'xplane'\nxplane = '203.0.113.22:49000'",
+        "host = 'heli1'\naddress = '2001:db8::11'",
+        "host = 'heli1.example'\naddress = '10.0.0.1'",
+        "host = 'heli1.example.com'\naddress = '10.0.0.1'",
+        "host = 'heli1.invalid'\naddress = '10.0.0.1'",
+        "install = 'manual'\naddress = 'heli1.EXAMPLE.net'",
+    ] {
+        let refused = called(first).unwrap_err();
+        assert!(refused.contains("reserved for documentation") && refused.contains("put your hosts in"), "{refused}");
+    }
+    for first in ["host = '10.0.0.1'", "host = 'example'\naddress = '192.0.3.1'", "host = 'fd00::1'"] {
+        assert_eq!(called(first), Ok(()), "{first}");
+    }
 }
 
 #[test]
@@ -64,7 +109,7 @@ fn keys_of_a_node_override_the_defaults() {
     let folder = tempfile::tempdir().unwrap();
     let text = format!(
         "{HEAD}security = 'none'\n[defaults]\nplant = 'standin'\nxplane = '127.0.0.1:49000'\nlog = 'debug'\nservice = 'own'\n\
-         folder = '/opt/skein'\nbinary = 'bin/skein'\n[node.1]\nhost = '10.0.0.1'\n[node.2]\nhost = 'fe80::2'\n\
+         folder = '/opt/skein'\nbinary = 'bin/skein'\n[node.1]\nhost = '10.0.0.1'\n[node.2]\nhost = 'fd00::2'\n\
          plant = 'builtin'\nlog = 'info'\nservice = 'auto'\nfolder = 'elsewhere'\n"
     );
     let cluster = read(folder.path(), 2, &text).unwrap();
@@ -75,7 +120,7 @@ fn keys_of_a_node_override_the_defaults() {
     assert_eq!((first.service, second.service), (ServiceKind::Own, ServiceKind::Auto));
     assert_eq!((first.folder.as_str(), second.folder.as_str()), ("/opt/skein", "elsewhere"));
     assert_eq!(first.binary, Some(folder.path().join("bin/skein")));
-    assert_eq!(second.endpoint(cluster.security), "tcp/[fe80::2]:7448");
+    assert_eq!(second.endpoint(cluster.security), "tcp/[fd00::2]:7448");
 }
 
 #[test]
@@ -167,7 +212,7 @@ fn a_fault_in_the_scenario_names_the_scenario_file() {
 }
 
 /// Reads a cluster that flies three teams of two, the second of three.
-pub(crate) fn fleet(folder: &Path, text: &str) -> Result<Inventory, skein_lab::error::Error> {
+pub(crate) fn fleet(folder: &Path, text: &str) -> Result<Inventory, Error> {
     let scenario =
         "fleet.teams = 3\nfleet.spacing_m = 300\nswarm.vehicles = 2\n[[team]]\nids = [2]\nswarm.vehicles = 3\n";
     fs::write(folder.join("fleet.toml"), scenario).unwrap();

@@ -194,7 +194,8 @@ fn cluster(name: &Name) -> Start {
 
 fn found_cluster(name: &Name, found: &[FoundXPlane]) -> Start {
     let mut text = format!(
-        "# A cluster: the host of each vehicle, one for each X-Plane that was found. An agent runs beside its X-Plane.\n\
+        "# A cluster: the host of each vehicle, one for each X-Plane that was found. Each `xplane` is where X-Plane\n\
+         # runs. Its agent may run on another PC: put that PC in as `host`, and keep `xplane`.\n\
          swarm = \"{name}\"                             # namespace of all traffic, name of the service\n\
          scenario = \"hover.toml\"                     # from this file's folder\n\n\
          [defaults]                                  # any key of a node\nplant = \"xplane\"\n\
@@ -204,7 +205,7 @@ fn found_cluster(name: &Name, found: &[FoundXPlane]) -> Start {
         let FoundXPlane { address, port, version, computer, .. } = xplane;
         text += &format!(
             "\n[node.{}]                                    # X-Plane {version} on {computer}\nhost = \"{address}\"\n\
-             xplane = \"127.0.0.1:{port}\"                 # as seen from the node\n",
+             xplane = \"{address}:{port}\"                 # as seen from the node, which may be another PC\n",
             nth + 1
         );
     }
@@ -280,7 +281,7 @@ mod tests {
         let cluster = crate::inventory::Inventory::read(&folder.path().join("cluster.toml")).unwrap();
         let nodes: Vec<_> =
             cluster.nodes.values().map(|node| (node.address.as_str(), node.xplane.as_deref().unwrap())).collect();
-        assert_eq!(nodes, [("10.0.0.11", "127.0.0.1:49000"), ("10.0.0.12", "127.0.0.1:49010")]);
+        assert_eq!(nodes, [("10.0.0.11", "10.0.0.11:49000"), ("10.0.0.12", "10.0.0.12:49010")]);
         assert_eq!(cluster.swarm.as_str(), "mine");
     }
 

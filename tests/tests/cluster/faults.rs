@@ -87,7 +87,7 @@ pub(super) fn are_found() {
             let place = text(line, "place");
             (place == node || place == host || place.ends_with(&format!("@{host}")))
                 && text(line, "what") == what
-                && text(line, "state") == "fault"
+                && text(line, "state") == if what == "clock" { "warning" } else { "fault" }
                 && text(line, "found").contains(finding)
                 && text(line, "remedy").contains(remedy)
         };

@@ -7,6 +7,7 @@
 #![expect(clippy::disallowed_methods, reason = "real hosts take real time")]
 #![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
 
+mod accounts;
 mod attacks;
 mod faults;
 mod finished;
@@ -109,6 +110,18 @@ fn a_check_finds_every_problem_with_its_remedy() {
         None => faults::are_found(),
         Some(missing) => refuse(&missing),
     }
+}
+
+#[test]
+fn a_cluster_is_used_whatever_a_shell_prints_and_ssh_is_set_to() {
+    let Some(_alone) = alone() else { return };
+    accounts::are_used();
+}
+
+#[test]
+fn a_second_operator_does_not_take_a_flying_swarm_over() {
+    let Some(_alone) = alone() else { return };
+    accounts::are_not_taken_over();
 }
 
 #[test]

@@ -24,6 +24,22 @@ pub(super) struct Offset {
     pub(super) bound_s: f64,
 }
 
+impl Offset {
+    /// The offset as a person would say it, with its bound while that matters.
+    pub(super) fn to_text(self) -> String {
+        let (sign, size_s) = (if self.offset_s < 0.0 { '-' } else { '+' }, self.offset_s.abs());
+        let whole = size_s.round() as u64;
+        let (days, hours, minutes, seconds) = (whole / 86_400, whole / 3600 % 24, whole / 60 % 60, whole % 60);
+        match (size_s < 1.0, size_s < 59.95, days, hours) {
+            (true, ..) => format!("{sign}{:.1} ±{:.1} ms", size_s * 1e3, self.bound_s * 1e3),
+            (false, true, ..) => format!("{sign}{size_s:.1} s"),
+            (_, _, 0, 0) => format!("{sign}{minutes} min {seconds} s"),
+            (_, _, 0, _) => format!("{sign}{hours} h {minutes} min"),
+            _ => format!("{sign}{days} d {hours} h"),
+        }
+    }
+}
+
 /// Measures the offset of a host's clock.
 pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
     let (mut child, marks) = ssh.spawn(host, ANSWERS)?;
@@ -67,6 +83,18 @@ fn offset(asked_ns: u64, theirs: &str, answered_ns: u64) -> Option<Offset> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_offset_has_the_units_that_a_person_uses() {
+        let text = |offset_s: f64| Offset { offset_s, bound_s: 0.0005 }.to_text();
+        assert_eq!(text(0.0003), "+0.3 ±0.5 ms");
+        assert_eq!(text(-0.25), "-250.0 ±0.5 ms");
+        assert_eq!(text(2.51), "+2.5 s");
+        assert_eq!(text(90.0), "+1 min 30 s");
+        assert_eq!(text(-7_199.9997), "-2 h 0 min");
+        assert_eq!(text(59.97), "+1 min 0 s");
+        assert_eq!(text(200_000.0), "+2 d 7 h");
+    }
 
     #[test]
     fn the_offset_is_measured_at_the_middle_of_an_exchange() {

@@ -13,7 +13,7 @@ use super::clock;
 use super::ports::{Agent, Calls};
 use super::{LOGIN, Line};
 use crate::cluster::bundle::Bundle;
-use crate::cluster::install::ROOM;
+use crate::cluster::install::{ROOM, owner};
 use crate::cluster::program::Program;
 use crate::cluster::protocol::{Answer, Ask, Facts, Installed};
 use crate::cluster::remote::{Fault, Probed, Remote};
@@ -69,7 +69,8 @@ impl HostChecks<'_> {
         }
         asked.lines.push(Line::new(place.as_str(), "ssh", "login works"));
         if let Some(printed) = login.ok().map(|output| output.of_shell).filter(|printed| !printed.is_empty()) {
-            let found = format!("the shell of this account prints \"{printed}\" around every answer, which is passed over");
+            let found =
+                format!("the shell of this account prints \"{printed}\" around every answer, which is passed over");
             asked.lines.push(Line::new(place.as_str(), "shell", found));
         }
         asked.lines.push(self.clock(host));
@@ -95,11 +96,11 @@ impl HostChecks<'_> {
         match clock::measure(self.ssh, host) {
             Err(why) => line(why.strip_prefix(&format!("{host}: ")).unwrap_or(&why).to_owned()).unknown(),
             Ok(offset) => {
-                let found = format!("{:+.1} ±{:.1} ms", offset.offset_s * 1e3, offset.bound_s * 1e3);
+                let found = offset.to_text();
                 match offset.offset_s.abs() - offset.bound_s > CLOCK_S {
-                    true => line(format!("{found} from this PC's")).fault(format!(
-                        "`ssh {host} sudo timedatectl set-ntp true`; or chrony, on a network without internet"
-                    )),
+                    true => line(format!("{found} from this PC's; no flight depends on it, times in logs do")).warning(
+                        format!("`ssh {host} sudo timedatectl set-ntp true`; or chrony, on a network without internet"),
+                    ),
                     false => line(found),
                 }
             }
@@ -119,7 +120,17 @@ impl HostChecks<'_> {
         };
         match self.remote().probe(host, node, &program.release) {
             Err(why) => asked.lines.push(line("platform", why).fault(format!("`ssh {host} uname -sm` shows more"))),
-            Ok(probed) => asked.lines.extend(of_probe(host, node, program, &probed)),
+            Ok(probed) => {
+                asked.lines.extend(of_probe(host, node, program, &probed));
+                if let Err(fault) = probed.folder.usable(program.bytes.len() as u64) {
+                    asked.lines.push(Line::of_sentence(
+                        format!("node {}", node.id),
+                        "folder",
+                        &fault,
+                        "set `folder` to another",
+                    ));
+                }
+            }
         }
         let facts = match self.remote().ask(host, node, Ask::Facts) {
             Ok(Answer::Facts(facts)) => facts,
@@ -144,6 +155,15 @@ impl HostChecks<'_> {
                 &error.to_string(),
                 "correct the scenario file",
             )),
+            Ok(bundle) if owner::another(&facts, bundle.authority().as_deref()).is_some() => {
+                let owner = facts.authority.clone().unwrap_or_default();
+                let flies = if agent == Agent::Runs { ", and it flies" } else { "" };
+                let found = format!("it belongs to another authority, {owner}, than the keys of this PC{flies}");
+                asked.lines.push(Line::of(node, "authority", found).fault(
+                    "use the keys of that authority, or give this swarm another name or `folder`; once its operator has landed \
+                     it, `skein cluster install --take-over` takes the node over",
+                ));
+            }
             Ok(bundle) => {
                 let expected = Installed { release: program.release.clone(), bundle: bundle.id() };
                 asked.lines.push(of_version(node, &facts, &expected, self.file));

@@ -77,9 +77,8 @@ fn a_host_that_hangs_is_given_up() {
 fn a_wrong_clock_is_reported_with_its_sign() {
     let ahead = asked("", &[("date", "exec /bin/date -d '90 seconds' \"$@\"")]);
     let clock = line(&ahead, "clock");
-    assert_eq!(clock.state, State::Fault);
-    let offset_ms: f64 = clock.found.split(' ').next().unwrap().parse().unwrap();
-    assert!((offset_ms - 90_000.0).abs() < 2_000.0, "{clock:?}");
+    assert_eq!(clock.state, State::Warning, "agents fly by their own clocks");
+    assert!(clock.found.starts_with("+1 min "), "{clock:?}");
     assert!(clock.remedy.unwrap().contains("timedatectl set-ntp true"));
     let silent = asked("", &[("date", "echo no")]);
     assert_eq!(line(&silent, "clock").state, State::Unknown);

@@ -17,7 +17,7 @@ use skein_host::clock;
 use super::files::{self, Lock, at};
 use super::probe;
 use super::process::Process;
-use crate::cluster::bundle::SCENARIO;
+use crate::cluster::bundle::{AUTHORITY_FILE, SCENARIO, authority_of};
 use crate::cluster::protocol::{Facts, Installed, RunningAgent, Service};
 use crate::landing;
 use crate::os;
@@ -210,6 +210,33 @@ impl NodeFolder {
         None
     }
 
+    /// The authority of the running agent, else of what would run at the next start.
+    fn authority(&self) -> Option<String> {
+        let running = self.agent().and_then(|_| linked(&self.active()));
+        let installed = running.or_else(|| linked(&self.current()))?;
+        fs::read(self.install(&installed).join(AUTHORITY_FILE)).ok().map(|certificate| authority_of(&certificate))
+    }
+
+    /// Checks that an operator whose files are of this authority may install them.
+    ///
+    /// # Errors
+    /// If the node flies under another authority, or belongs to one and is not taken over on purpose.
+    pub(super) fn check_owner(&self, given: Option<&str>, takes_over: bool) -> Result<(), String> {
+        let Some(owner) = self.authority().filter(|owner| Some(owner.as_str()) != given) else { return Ok(()) };
+        let id = self.id;
+        match (self.agent().is_some(), takes_over) {
+            (true, _) => Err(format!(
+                "node {id} flies under another authority, {owner}; its operator lands it with `skein cluster down` before \
+                 another authority can have the node"
+            )),
+            (false, false) => Err(format!(
+                "node {id} belongs to another authority, {owner}; use the keys of that authority, give this swarm another \
+                 name or `folder`, or take the node over with `skein cluster install --take-over`"
+            )),
+            (false, true) => Ok(()),
+        }
+    }
+
     /// Returns what is installed and running.
     pub(super) fn facts(&self) -> Facts {
         let started = self.started();
@@ -227,6 +254,7 @@ impl NodeFolder {
             service: self.settings().map(|settings| settings.service),
             agent,
             note,
+            authority: self.authority(),
             addresses: probe::addresses(),
             free_bytes: self.path.ancestors().find_map(|path| os::free_bytes(path).ok()).unwrap_or(0),
         }

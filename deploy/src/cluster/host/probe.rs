@@ -5,7 +5,7 @@ use std::net::{IpAddr, SocketAddr, TcpStream, ToSocketAddrs};
 use std::thread;
 use std::time::Duration;
 
-use crate::cluster::protocol::Reached;
+use crate::cluster::protocol::{Cause, Reached};
 
 /// Time limit of a connection to a peer.
 const PEER: Duration = Duration::from_secs(1);
@@ -19,25 +19,36 @@ pub(super) fn addresses() -> Vec<IpAddr> {
 /// Connects to each of these endpoints, all at once, and returns the results.
 pub(crate) fn reach(endpoints: &[String]) -> Vec<Reached> {
     let calls: Vec<_> = endpoints.iter().cloned().map(|endpoint| thread::spawn(move || call(&endpoint))).collect();
-    let interrupted = |_| Reached::No("the call was interrupted".to_owned());
+    let interrupted = |_| Reached::No(Cause::Other, "the call was interrupted".to_owned());
     calls.into_iter().map(|call| call.join().unwrap_or_else(interrupted)).collect()
 }
 
 fn call(endpoint: &str) -> Reached {
     let addresses: Vec<SocketAddr> = match endpoint.to_socket_addrs() {
         Ok(addresses) => addresses.collect(),
-        Err(error) => return Reached::No(error.to_string()),
+        Err(error) => return Reached::No(Cause::Name, error.to_string()),
     };
-    let mut reached = Reached::No("it has no address".to_owned());
+    let mut reached = Reached::No(Cause::Name, "it has no address".to_owned());
     for address in addresses {
         reached = match TcpStream::connect_timeout(&address, PEER).map_err(|error| (error.kind(), error)) {
             Ok(_) => return Reached::Taken,
             Err((io::ErrorKind::ConnectionRefused, _)) => Reached::Refused,
-            Err((io::ErrorKind::TimedOut, _)) => Reached::No(format!("no answer within {} s", PEER.as_secs())),
-            Err((_, error)) => Reached::No(error.to_string()),
+            Err((io::ErrorKind::TimedOut, _)) => {
+                Reached::No(Cause::Silence, format!("no answer within {} s", PEER.as_secs()))
+            }
+            Err((kind, error)) => Reached::No(cause(kind), error.to_string()),
         };
     }
     reached
+}
+
+fn cause(kind: io::ErrorKind) -> Cause {
+    match kind {
+        io::ErrorKind::HostUnreachable | io::ErrorKind::NetworkUnreachable | io::ErrorKind::NetworkDown => Cause::Route,
+        io::ErrorKind::InvalidInput | io::ErrorKind::AddrNotAvailable => Cause::Address,
+        io::ErrorKind::PermissionDenied => Cause::Forbidden,
+        _ => Cause::Other,
+    }
 }
 
 #[cfg(test)]
@@ -58,6 +69,15 @@ mod tests {
         let closed = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
         let reached = reach(&[open, closed, "no.such.host.invalid:1".to_owned(), "127.0.0.1".to_owned()]);
         assert_eq!(reached[..2], [Reached::Taken, Reached::Refused]);
-        assert!(matches!(&reached[2..], [Reached::No(_), Reached::No(_)]), "{reached:?}");
+        assert!(matches!(&reached[2..3], [Reached::No(Cause::Name, _)]), "{reached:?}");
+        // A link-local address without its interface, and an address that no computer can have.
+        for (endpoint, wanted) in [("[fe80::1]:1", Cause::Address), ("255.255.255.255:1", Cause::Route)] {
+            let reached = call(endpoint);
+            assert!(
+                matches!(&reached, Reached::No(cause, _) if *cause == wanted || *cause == Cause::Route
+                || *cause == Cause::Forbidden),
+                "{endpoint}: {reached:?}"
+            );
+        }
     }
 }

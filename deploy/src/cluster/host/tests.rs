@@ -103,6 +103,39 @@ fn a_host_places_the_aircraft_of_its_x_plane_by_the_installed_scenario() {
 }
 
 #[test]
+fn a_node_of_another_authority_is_taken_over_only_on_purpose() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = place(folder.path());
+    let bundle = |authority: Option<&str>| {
+        let file = |content: &str| BundleFile { is_secret: false, is_executable: false, content: content.into() };
+        let keys = authority.map(|authority| ("keys/authority.pem".to_owned(), file(authority)));
+        Bundle { files: keys.into_iter().chain([("agent.toml".to_owned(), file("id = 1"))]).collect() }
+    };
+    let apply = |authority| Ask::Apply { bundle: bundle(authority), service: ServiceKind::Own, log: None };
+    let take_over = |authority| Ask::TakeOver { bundle: bundle(authority), service: ServiceKind::Own, log: None };
+    // Keys can be added to a node that had none.
+    done(ask(&place, apply(None)));
+    let (_, facts) = done(ask(&place, apply(Some("first"))));
+    assert_eq!(facts.authority, bundle(Some("first\n")).authority());
+    for other in [Some("second"), None] {
+        let refused = ask(&place, apply(other)).unwrap_err();
+        assert!(
+            refused.starts_with("node 1 belongs to another authority, ") && refused.contains("--take-over"),
+            "{refused}"
+        );
+    }
+    assert!(!done(ask(&place, apply(Some("first")))).0, "its own operator");
+    // An agent that runs: this process.
+    let node = place.node("1".parse().unwrap());
+    node.set_agent(&node::AgentProcess { process: process::Process::own(), restarts: 0 }).unwrap();
+    let refused = ask(&place, take_over(Some("second"))).unwrap_err();
+    assert!(refused.starts_with("node 1 flies under another authority, "), "{refused}");
+    fs::remove_file(node.agent_path()).unwrap();
+    let (changed, facts) = done(ask(&place, take_over(Some("second"))));
+    assert!(changed && facts.authority == bundle(Some("second")).authority());
+}
+
+#[test]
 fn an_impossible_request_fails_and_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let place = place(folder.path());

@@ -68,14 +68,21 @@ fn readme(chosen: &Chosen, node: &Node, program: &str) -> String {
             "Put the program `{program}` for its platform in here: `binary` in the cluster's file would have.\n"
         ),
     };
-    let dot = if program == "skein" { "./" } else { "" };
+    let (dot, elsewhere) = match (program, &node.binary) {
+        ("skein", Some(_)) => ("./", ""),
+        // The program for its platform is not known here.
+        ("skein", None) => {
+            ("./", "On Windows the program is `skein.exe`, and the commands begin with `.\\skein.exe`.\n\n")
+        }
+        _ => (".\\", ""),
+    };
     format!(
         "Node {id} of the swarm {swarm}. Carry this folder to the PC at {address}: it holds a secret key, so only \
          that PC's operator may read it there.\n{own}\n\
          Peers reach it at {address}, TCP port {port}: open that port in its firewall.\n\n\
          `skein cluster up` prints a number for the run that it begins. In this folder, with that number:\n\n    \
          {dot}{program} agent --config agent.toml --run RUN\n\n\
-         It becomes active once it is in contact with the others, and ends when it has landed. It takes orders over \
+         {elsewhere}It becomes active once it is in contact with the others, and ends when it has landed. It takes orders over \
          the network like every other; Ctrl-C lands it.\n\n    \
          {dot}{program} cluster status -f cluster.toml\n\n\
          shows the swarm from there.\n"

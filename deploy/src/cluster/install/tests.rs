@@ -62,7 +62,8 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
         json: false,
     };
     let out = folder.path().join("manual");
-    let mut args = InstallArgs { nodes, dry_run: true, rollback: false, timeout_s: 1.0, out: out.clone() };
+    let mut args =
+        InstallArgs { nodes, dry_run: true, rollback: false, take_over: false, timeout_s: 1.0, out: out.clone() };
     let write = |args: &InstallArgs, given: &Given| {
         let row = manual::write(args, &chosen, node, Some(given));
         assert_eq!(row.why, None);
@@ -81,5 +82,16 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
     assert_eq!(fs::read_to_string(there.join("agent.toml")).unwrap(), "id = 2 # other");
     let readme = fs::read_to_string(there.join("README.txt")).unwrap();
     assert!(readme.contains("./skein agent --config agent.toml --run RUN") && readme.contains("7448"), "{readme}");
+    assert!(readme.contains(r"begin with `.\skein.exe`"), "{readme}");
     assert!(!there.join("skein").exists(), "the platform is unknown");
+    // A program for Windows.
+    let windows = folder.path().join("skein.exe");
+    fs::write(&windows, b"MZ").unwrap();
+    given.program = Arc::new(Program { bytes: b"MZ".as_slice().into(), ..(*given.program).clone() });
+    let node = Node { binary: Some(windows), ..node.clone() };
+    let args = InstallArgs { out: folder.path().join("other"), ..args };
+    assert_eq!(manual::write(&args, &chosen, &node, Some(&given)).done, Done::Written);
+    let readme = fs::read_to_string(args.out.join("node-2/README.txt")).unwrap();
+    let commands = [r".\skein.exe agent --config agent.toml", r".\skein.exe cluster status -f cluster.toml"];
+    assert!(commands.iter().all(|command| readme.contains(command)) && !readme.contains("./skein"), "{readme}");
 }

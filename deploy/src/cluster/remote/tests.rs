@@ -46,6 +46,8 @@ fn a_program_is_copied_completely_or_not_at_all() {
     assert_eq!(before.platform, String::from_utf8(uname.stdout).unwrap().trim());
     assert_eq!(before.sum, None);
     assert!(before.free_bytes > 0);
+    assert_eq!(before.folder.usable(1), Ok(()), "{before:?}");
+    assert!(before.folder.path == "." && !before.folder.owner.is_empty() && before.folder.user == before.folder.owner);
     assert!(tree(folder.path()).is_empty(), "a probe writes nothing");
 
     // Damaged during the copy: another checksum.
@@ -139,11 +141,27 @@ fn a_request_is_answered_by_the_program_that_the_node_runs() {
 #[test]
 fn a_probe_is_read_by_the_names_of_its_lines() {
     let output = "skein platform Linux x86_64\nskein libc glibc 2.36\nskein sum 00ff  -\n\
-                skein disk /dev/my disk 1000 400 600 40% /\n";
+                skein disk /dev/my disk 1000 400 600 40% /\nskein folder .\n\
+                skein user lab\nskein owner root\nskein limit 8\nskein write sh: 1: cannot create ./x: Permission denied \n";
     let full = probed(output).unwrap();
     let glibc = Some((2, 36));
     let sum = Some("00ff".to_owned());
-    assert_eq!(full, Probed { platform: "Linux x86_64".to_owned(), glibc, sum, free_bytes: 600 * 1024 });
+    let folder = FolderProbe {
+        path: ".".to_owned(),
+        user: "lab".to_owned(),
+        owner: "root".to_owned(),
+        unwritable: Some("Permission denied".to_owned()),
+        unrunnable: None,
+        limit_bytes: Some(4096),
+    };
+    let why = folder.usable(1).unwrap_err();
+    assert!(
+        why.starts_with("lab cannot write in ., which belongs to root: Permission denied; set `folder` to"),
+        "{why}"
+    );
+    let small = FolderProbe { unwritable: None, ..folder.clone() };
+    assert!(small.usable(4096).is_ok() && small.usable(4097).unwrap_err().contains("may have 4096 bytes"));
+    assert_eq!(full, Probed { platform: "Linux x86_64".to_owned(), glibc, sum, free_bytes: 600 * 1024, folder });
     let bare = output.replace("skein sum 00ff  -\n", "").replace("glibc 2.36", "");
     let bare = probed(&bare).unwrap();
     assert_eq!((bare.glibc, bare.sum), (None, None));
@@ -153,7 +171,8 @@ fn a_probe_is_read_by_the_names_of_its_lines() {
 #[test]
 fn every_text_of_an_answer_is_made_safe_for_a_terminal() {
     let hostile = r#"{"Facts":{"current":{"release":"r\u001b[2J","bundle":"b\nnode 9"},"previous":null,"service":null,"agent":null,"free_bytes":1}}"#;
-    let output = CommandOutput { status: 0, stdout: hostile.to_owned(), stderr: String::new(), of_shell: String::new() };
+    let output =
+        CommandOutput { status: 0, stdout: hostile.to_owned(), stderr: String::new(), of_shell: String::new() };
     let Ok(Answer::Facts(facts)) = answer(&heli("h"), &output) else { panic!("facts") };
     let current = facts.current.unwrap();
     assert_eq!((current.release.as_str(), current.bundle.as_str()), ("r\\u001b[2J", "b\\u000anode 9"));

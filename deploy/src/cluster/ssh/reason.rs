@@ -38,6 +38,12 @@ pub(super) fn sentence(host: &Host, stderr: &str, keys: impl FnOnce() -> Vec<Str
     if has("Connection refused") {
         return format!("{host}: no ssh server answers; start its sshd, or give its port in ~/.ssh/config");
     }
+    if has("Invalid argument") {
+        return format!(
+            "{host}: its address needs the name of the interface on this PC; write it behind a %, as in `host = \"fe80::1%eth0\"`, \
+             or give another address"
+        );
+    }
     if has("timed out") || has("Connection timeout") {
         return format!("{host}: no answer within {CONNECT_S} s; check that it is on, and that no firewall blocks ssh");
     }
@@ -107,6 +113,11 @@ mod tests {
             (
                 "Connection timed out during banner exchange\r\n",
                 "lab@heli1: no answer within 5 s; check that it is on, and that no firewall blocks ssh",
+            ),
+            (
+                "ssh: connect to host fe80::1 port 22: Invalid argument\r\n",
+                "lab@heli1: its address needs the name of the interface on this PC; write it behind a %, as in `host = \
+                 \"fe80::1%eth0\"`, or give another address",
             ),
             (
                 "ssh: connect to host heli1 port 22: No route to host\r\n",

@@ -70,7 +70,8 @@ fn the_command_line_overrides_only_the_session_in_the_users_configuration() {
     let arguments = fs::read_to_string(folder.path().join("arguments")).unwrap();
     let is_mark = |part: &&str| part.starts_with("skein-");
     let arguments = arguments.replace('\n', " ");
-    let given: Vec<&str> = arguments.trim_end().split(' ').map(|part| if is_mark(&part) { "MARK" } else { part }).collect();
+    let given: Vec<&str> =
+        arguments.trim_end().split(' ').map(|part| if is_mark(&part) { "MARK" } else { part }).collect();
     let marked = |command: &str| format!("sh -c {} MARK {}", quote(marks::SCRIPT), quote(command));
     let plain = "-T -o BatchMode=yes -o ConnectTimeout=5 -o SessionType=default";
     let shared = format!(
@@ -122,7 +123,11 @@ fn what_the_accounts_shell_prints_is_no_part_of_the_output() {
     ] {
         let ssh = fake(folder.path(), &format!("{before}; sh -c \"$command\"; {after}"));
         let output = ssh.run(&heli("h"), "printf 'a\\nb'; echo no >&2; exit 3", &none(), LONG).unwrap();
-        assert_eq!((output.status, output.stdout.as_str(), output.stderr.as_str()), (3, "a\nb", "no\n"), "{before} {after}");
+        assert_eq!(
+            (output.status, output.stdout.as_str(), output.stderr.as_str()),
+            (3, "a\nb", "no\n"),
+            "{before} {after}"
+        );
         assert_eq!(output.of_shell.is_empty(), before == "set -x", "{before} {after}: {output:?}");
         let mut lines = Vec::new();
         let ended = ssh.lines(&heli("h"), "printf 'a\\nb'", &none(), |line| lines.push(line.to_owned()));
@@ -130,7 +135,10 @@ fn what_the_accounts_shell_prints_is_no_part_of_the_output() {
     }
     let ssh = fake(folder.path(), "echo 'This account is not available.'; exit 1");
     let error = ssh.run(&heli("h"), "true", &none(), LONG).unwrap_err();
-    assert!(error.contains("status 1 without running the command and printed \"This account is not available.\""), "{error}");
+    assert!(
+        error.contains("status 1 without running the command and printed \"This account is not available.\""),
+        "{error}"
+    );
 }
 
 #[test]
@@ -159,7 +167,8 @@ fn a_failure_is_reported_as_one_sentence() {
     let sentence = "heli1: no ssh server answers; start its sshd, or give its port in ~/.ssh/config";
     assert_eq!(ssh.run(&heli("heli1"), "x", &none(), LONG), Err(sentence.to_owned()));
     assert_eq!(ssh.lines(&heli("heli1"), "x", &none(), |_| ()), Err(sentence.to_owned()));
-    let missing = Ssh { program: vec![folder.path().join("none").into()], session: Vec::new(), sharing: None, verbose: false };
+    let missing =
+        Ssh { program: vec![folder.path().join("none").into()], session: Vec::new(), sharing: None, verbose: false };
     let error = missing.run(&heli("heli1"), "x", &none(), LONG).unwrap_err();
     assert_eq!(error, "`ssh` was not found on this PC; install OpenSSH's client");
 }
