@@ -68,11 +68,11 @@ pub(super) fn are_used() {
         let lines = check(&lab);
         assert_line(&lines, &["heli1 shell good", shown]);
         assert!(!lines.iter().any(|line| line.contains(" fault ")), "{does}: {lines:#?}");
-        lab.skein("cluster logs -f lab/cluster.toml --node 1", 30).succeeded();
+        lab.skein("cluster logs --file lab/cluster.toml 1", 30).succeeded();
     }
     // It limits the account's files.
     fs::write(lab.host(1).path("/root/.bashrc"), "ulimit -f 8\n").unwrap();
-    assert_line(&check(&lab), &["node 1 folder fault", "may have 4096 bytes", "ulimit -f"]);
+    assert_line(&check(&lab), &["node 1 folder fault", "may have 8192 bytes", "ulimit -f"]);
     fs::write(lab.host(1).path("/root/.bashrc"), "exit 4\n").unwrap();
     assert_line(&check(&lab), &["heli1 ssh fault", "ended with status 4 without running the command"]);
     fs::remove_file(lab.host(1).path("/root/.bashrc")).unwrap();
