@@ -189,6 +189,23 @@ fn printed_to(stdout: Stdio, arguments: &str) -> (Option<i32>, String) {
 
 #[cfg(target_os = "linux")]
 #[test]
+fn a_limit_on_file_sizes_is_an_error_with_its_remedy() {
+    let folder = TempDir::new().unwrap();
+    for command in
+        ["scenarios hover >big", "explain --json >big", "study hover --set duration_s=5 --seeds 0..1 --out study"]
+    {
+        let script = format!("ulimit -f 0; \"$0\" {command}");
+        let mut limited = Command::new("sh");
+        limited.current_dir(folder.path()).args(["-c", &script, PROGRAM]).stdin(Stdio::null());
+        let output = limited.output().unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{command}: {stderr}");
+        assert!(stderr.contains("File too large") && stderr.contains("`ulimit -f unlimited`"), "{command}: {stderr}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
 fn what_cannot_be_printed_is_a_failure_unless_its_reader_has_gone() {
     for arguments in [
         "--version",

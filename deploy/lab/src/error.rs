@@ -41,7 +41,7 @@ impl Error {
     pub fn report(&self) -> ExitCode {
         match self.drawn().filter(|_| crate::terminal::obeys_escapes(&std::io::stderr())) {
             Some(drawn) => eprint!("{drawn}"),
-            None => crate::terminal::complain(&self.to_string()),
+            None => crate::terminal::complain(&with_remedy(self.to_string())),
         }
         self.exit_code().into()
     }
@@ -54,6 +54,15 @@ impl Error {
         let mut drawn = String::new();
         GraphicalReportHandler::new().render_report(&mut drawn, &marked).ok()?;
         Some(drawn)
+    }
+}
+
+/// Adds the remedy for a limit on file sizes, which any command that writes can meet.
+fn with_remedy(message: String) -> String {
+    // EFBIG on Linux and macOS.
+    match message.contains("(os error 27)") && !message.contains("ulimit") {
+        true => format!("{message}; `ulimit -f unlimited` in this shell raises the limit on the sizes of files"),
+        false => message,
     }
 }
 
@@ -108,6 +117,16 @@ mod tests {
         for part in ["my.toml:4:1", "raduis_m = 80", "unknown key", "did you mean `formation.radius_m`?"] {
             assert!(drawn.contains(part), "{part} is missing in\n{drawn}");
         }
+    }
+
+    #[test]
+    fn a_limit_on_file_sizes_has_its_remedy() {
+        let text = with_remedy("run: File too large (os error 27)".to_owned());
+        assert!(
+            text.ends_with("; `ulimit -f unlimited` in this shell raises the limit on the sizes of files"),
+            "{text}"
+        );
+        assert_eq!(with_remedy(text.clone()), text);
     }
 
     #[test]
