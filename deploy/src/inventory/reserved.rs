@@ -23,9 +23,8 @@ fn is_v6(address: Ipv6Addr) -> bool {
 fn is_name(name: &str) -> bool {
     let name = name.trim_end_matches('.').to_ascii_lowercase();
     let mut labels = name.rsplit('.');
-    match (labels.next(), labels.next()) {
-        (Some("example" | "invalid"), Some(_)) => true,
-        (Some("com" | "net" | "org"), Some("example")) => true,
-        _ => false,
-    }
+    matches!(
+        (labels.next(), labels.next()),
+        (Some("example" | "invalid"), Some(_)) | (Some("com" | "net" | "org"), Some("example"))
+    )
 }

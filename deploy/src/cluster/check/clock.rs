@@ -91,7 +91,7 @@ mod tests {
         assert_eq!(text(-0.25), "-250.0 ±0.5 ms");
         assert_eq!(text(2.51), "+2.5 s");
         assert_eq!(text(90.0), "+1 min 30 s");
-        assert_eq!(text(-7_199.9997), "-2 h 0 min");
+        assert_eq!(text(-7_199.999_7), "-2 h 0 min");
         assert_eq!(text(59.97), "+1 min 0 s");
         assert_eq!(text(200_000.0), "+2 d 7 h");
     }

@@ -57,7 +57,7 @@ fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
     let mut failed: Vec<(Cause, &str, Vec<&str>)> = Vec::new();
     for calls in calls {
         let Some(Reached::No(cause, why)) = calls.reached.get(&node.id) else { continue };
-        match failed.iter_mut().find(|(other, reason, _)| (other, reason) == (&cause, &why.as_str())) {
+        match failed.iter_mut().find(|(other, reason, _)| (other, reason) == (cause, &why.as_str())) {
             Some((.., from)) => from.push(&calls.from),
             None => failed.push((*cause, why, vec![&calls.from])),
         }
