@@ -27,7 +27,7 @@ const SOURCES: [&str; 11] = [
 ];
 
 /// Types whose definition is not a struct with named fields, as they are encoded.
-const PLAIN: [(&str, &str); 17] = [
+const PLAIN: [(&str, &str); 18] = [
     ("VehicleId", "vehicle id (`u8`, 1 to 250)"),
     (
         "VehicleSet",
@@ -40,7 +40,10 @@ const PLAIN: [(&str, &str); 17] = [
     ("VelocityNed", "3 × `f64`: north, east, down, m/s"),
     ("Signature", "64 bytes"),
     ("String", "text"),
-    ("ShortText", "text of at most 96 printable ASCII characters; of a longer one the end, after `...`"),
+    (
+        "ShortText",
+        "text of at most 96 printable ASCII characters; of a longer one the end after `...`, or the beginning before it",
+    ),
     ("f64", "`f64`"),
     ("f32", "`f32`"),
     ("u64", "`u64`"),
@@ -48,6 +51,7 @@ const PLAIN: [(&str, &str); 17] = [
     ("u16", "`u16`"),
     ("i32", "`i32`"),
     ("u8", "`u8`"),
+    ("bool", "`bool`"),
 ];
 
 /// The largest size of each message, bytes.
@@ -122,7 +126,7 @@ fn encoding() -> String {
     format!(
         "A message is one byte, the version ({VERSION}), and the [postcard](https://postcard.jamesmunns.com) encoding of its struct: \
          the fields in the order of its table, without names.\n\n\
-         | type | bytes |\n| --- | --- |\n| `u8` | one byte |\n| `u32`, `u64` | varint: seven bits a byte, the lowest first, the top \
+         | type | bytes |\n| --- | --- |\n| `u8` | one byte |\n| `bool` | one byte: 0 or 1 |\n| `u32`, `u64` | varint: seven bits a byte, the lowest first, the top \
          bit set in all but the last |\n| `i32` | varint of twice the number, of a negative one of twice its amount less one |\n\
          | `f64` | 8 bytes, little-endian |\n| text | its length in bytes as a varint, then UTF-8 |\n\
          | list of | the number of its items as a varint, then the items |\n| optional | 0, or 1 and the value |\n\
