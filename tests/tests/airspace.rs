@@ -127,7 +127,6 @@ fn a_vehicle_climbs_over_a_hill_on_its_path_and_returns_to_its_altitude() {
         let measurement = Measurement { height_m, ..frame.measurement };
         let now = Now { plant: frame.time, local: LocalTime::from_seconds(frame.time.seconds()) };
         let inputs = Inputs {
-            refusal: None,
             measurement: Some(&measurement),
             received: &[],
             broadcast: Broadcast::default(),

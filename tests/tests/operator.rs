@@ -55,13 +55,16 @@ impl Pc {
         self.folder.path().join(name)
     }
 
-    /// Sets the script by which hosts answer. `$host` is the host, `$asked` the line of the request, which the file
+    /// Sets the script by which hosts answer, between the marks of the call. `$host` is the host, `$asked` the line of the request, which the file
     /// `asked` keeps.
     fn answers(&self, script: &str) {
         let folder = self.folder.path().display();
         let text = format!(
-            "#!/bin/sh\nfor command; do before=$host; host=$last; last=$command; done\nread -r asked\n\
-             echo \"$host $asked\" >>{folder}/asked\ncd {folder}\n{script}\n"
+            "#!/bin/sh\ncase \" $* \" in *\" -G \"*) exit 0;; esac\nfor command; do before=$host; host=$last; last=$command; done\n\
+             name=$(echo \"$last\" | grep -o 'skein-[0-9a-f]\\{{32\\}}' | head -n 1)\n\
+             printf '%s-begin\\n' \"$name\"; printf '%s-begin\\n' \"$name\" >&2\nread -r asked\n\
+             echo \"$host $asked\" >>{folder}/asked\ncd {folder}\n({script}\n)\nstatus=$?\n\
+             printf '%s-end %d.\\n' \"$name\" $status; printf '%s-end\\n' \"$name\" >&2\nexit $status\n"
         );
         fs::create_dir_all(self.path("bin")).unwrap();
         fs::write(self.path("bin/ssh"), text).unwrap();

@@ -22,7 +22,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Drops, EventKind, Failure, Order, ShortText, SimulatorFault, StandingOrders, Standstill};
+use skein_common::message::{Drops, EventKind, Failure, Order, SimulatorFault, StandingOrders, Standstill};
 use skein_common::scenario::{Scenario, Setting, TunableKey};
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{Now, PlantTime};
@@ -62,8 +62,6 @@ pub struct Inputs<'a> {
     pub leave: bool,
     /// Reply of an external law to the last query.
     pub answer: Option<&'a LawReply>,
-    /// Why something else that the external law sent since the last step was refused.
-    pub refusal: Option<ShortText>,
 }
 
 /// The outputs of a step.
@@ -505,7 +503,7 @@ impl Agent {
         inputs: &Inputs<'_>,
         workspace: &mut Workspace,
     ) -> Option<FormationOutput> {
-        self.formation.receive_reply(own.now.plant, inputs.answer, inputs.refusal);
+        self.formation.receive_reply(own.now.plant, inputs.answer);
         let (estimate, task) = own.new.as_ref().zip(task)?;
         let was_in_place_s = self.last.in_place_s.take();
         let strangers_reach_m = self.formation.strangers_reach_m(task);

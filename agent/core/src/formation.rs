@@ -39,7 +39,7 @@ use core::ops::RangeInclusive;
 use nalgebra::{Vector2, Vector3};
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{EventKind, LawNumber, ShortText};
+use skein_common::message::{EventKind, LawNumber};
 use skein_common::scenario::{self, Scenario};
 use skein_common::state::PeerStatus;
 use skein_common::time::PlantTime;
@@ -282,11 +282,10 @@ impl Formation {
         self.filter.map(|_| self.activations)
     }
 
-    /// Sets the time of the next step and takes the reply of an external law, if there is one, and the reason why something
-    /// else that it sent was refused.
-    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::LawReply>, refusal: Option<ShortText>) {
+    /// Sets the time of the next step and takes the reply of an external law, if there is one.
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&external::LawReply>) {
         if let Some(external) = &mut self.external {
-            external.receive_reply(now, answer, refusal);
+            external.receive_reply(now, answer);
         }
     }
 

@@ -14,7 +14,7 @@ use alloc::vec::Vec;
 
 use serde::{Deserialize, Serialize};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Header, ShortText, SimulatorFault, Standstill, Summary, Trace};
+use skein_common::message::{Header, SimulatorFault, Standstill, Summary, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -83,8 +83,6 @@ pub struct InPlace<'a> {
     pub strangers: &'a [StrangerState],
     /// Reply of an external law to the last query.
     pub answer: Option<&'a LawReply>,
-    /// Why something else that the external law sent was refused.
-    pub refusal: Option<ShortText>,
 }
 
 /// Everything that enters a station in one step of real time. Two new stations of the same vehicle that get the same inputs,
@@ -117,8 +115,6 @@ pub struct StepInputs {
     pub leave: bool,
     /// Reply of an external law to the last query.
     pub answer: Option<LawReply>,
-    /// Why something else that the external law sent since the last step was refused.
-    pub refusal: Option<ShortText>,
 }
 
 /// One vehicle's agent with its clocks, its sensors and the scenario's network impairments.
@@ -228,9 +224,8 @@ impl Station {
             (_, measurement) => measurement,
         };
         let strangers = StrangersReceived { stamped: &self.strangers, now: in_place.strangers };
-        let (received, intents, InPlace { broadcast, answer, refusal, .. }) =
-            (&*self.received, &*self.intents, in_place);
-        let inputs = Inputs { measurement, received, broadcast, strangers, intents, leave, answer, refusal };
+        let (received, intents, InPlace { broadcast, answer, .. }) = (&*self.received, &*self.intents, in_place);
+        let inputs = Inputs { measurement, received, broadcast, strangers, intents, leave, answer };
         let outputs = self.agent.step(now, &inputs, workspace);
         self.received.clear();
         self.strangers.clear();
@@ -254,7 +249,7 @@ impl Station {
         self.simulator_has(&inputs.simulator_faults);
         self.controls_are(inputs.controls);
         self.pilot_takes_over(inputs.pilot_takes_over);
-        let in_place = InPlace { answer: inputs.answer.as_ref(), refusal: inputs.refusal, ..InPlace::default() };
+        let in_place = InPlace { answer: inputs.answer.as_ref(), ..InPlace::default() };
         self.step(right, (inputs.plant_time, inputs.measurement.as_ref()), inputs.leave, in_place, workspace)
     }
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{
-    Drops, Event, EventKind, Header, Health, PeerHealth, Reason, Refused, Severity, Summary, Trace, Traffic,
+    Drops, Event, EventKind, Header, Health, PeerHealth, Reason, Refused, Severity, ShortText, Summary, Trace, Traffic,
 };
 use skein_common::state::Activity;
 use skein_common::time::LocalTime;
@@ -73,6 +73,8 @@ pub(super) struct LoopState {
     silence: SilenceMonitor,
     /// The inputs of this step, with room that is used again.
     pub(super) inputs: StepInputs,
+    /// Why something that the external law sent was refused, until it is reported.
+    law_refusal: Option<ShortText>,
     poses: Vec<PeerPose>,
     workspace: Workspace,
     events: u64,
@@ -93,6 +95,7 @@ impl LoopState {
             timing: Timing::new(period, now),
             silence: SilenceMonitor::new(),
             inputs: StepInputs::default(),
+            law_refusal: None,
             poses: Vec::new(),
             workspace: Workspace::default(),
             events: 0,
@@ -217,7 +220,8 @@ impl Control {
         inputs.plant_time = frame.map_or(inputs.plant_time, |frame| frame.time);
         inputs.measurement = frame.map(|frame| frame.measurement);
         inputs.leave = self.stop.is_requested();
-        (inputs.answer, inputs.refusal) = self.law.as_ref().map(LiveLaw::take).unwrap_or_default();
+        let (answer, refusal) = self.law.as_ref().map(LiveLaw::take).unwrap_or_default();
+        (inputs.answer, kept.law_refusal) = (answer, refusal);
     }
 
     /// Lets the simulator draw the peers where they are now.
@@ -238,7 +242,9 @@ impl Control {
         (trace, summary): (Option<Trace>, Option<Summary>),
         kept: &mut LoopState,
     ) {
-        let Outbox { state, mission, intent, happened } = outbox;
+        let Outbox { state, mission, intent, mut happened } = outbox;
+        // Not the core decides on it: a replay of its inputs gives the same outputs.
+        happened.extend(kept.law_refusal.take().map(EventKind::LawAnswerRefused));
         let position = state.as_ref().map(|state| self.origin.ned_from_geodetic(&state.state.position));
         let state = state.map(|state| *state).zip(position.map(Cell::of));
         let intent = intent.map(|intent| (*intent, intent.cells(&self.origin).collect()));

@@ -106,7 +106,6 @@ impl Flight {
             intents: &intents,
             leave: step.leave,
             answer: step.answer.as_ref(),
-            refusal: None,
         };
         let outputs = self.agent.step(self.now, &inputs, &mut self.workspace);
         let is_sane = match outputs.command {

@@ -106,7 +106,7 @@ fn a_damaged_cluster_file_is_refused_or_read() {
     fs::write(folder.path().join("law.py"), "").unwrap();
     let examples = [
         "swarm = 'a'\nscenario = 'scenario.toml'\n[defaults]\nuser = 'heli'\n\
-         [node.1]\nhost = '10.0.0.1'\n[node.2]\nhost = 'fe80::2'\nplant = 'xplane'\nxplane = '127.0.0.1:49000'\n",
+         [node.1]\nhost = '10.0.0.1'\n[node.2]\nhost = 'fd00::2'\nplant = 'xplane'\nxplane = '127.0.0.1:49000'\n",
         "swarm = 'a'\nscenario = 'scenario.toml'\nsecurity = 'none'\nfiles = ['law.py']\n\
          [node.1]\nhost = 'heli1'\naddress = '10.0.0.1'\nplant = 'standin'\n[node.2]\nhost = '10.0.0.2'\ninstall = 'manual'\n",
     ];

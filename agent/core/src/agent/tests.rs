@@ -62,7 +62,6 @@ impl Flight {
         self.agent.step(
             now,
             &Inputs {
-                refusal: None,
                 measurement,
                 received: &received,
                 broadcast: Broadcast::default(),

@@ -16,7 +16,7 @@ use alloc::vec::Vec;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use skein_common::id::VehicleId;
-use skein_common::message::{EventKind, LawNumber, ShortText};
+use skein_common::message::{EventKind, LawNumber};
 use skein_common::scenario;
 use skein_common::time::PlantTime;
 
@@ -137,9 +137,8 @@ pub struct External {
     misses: u64,
     /// Whether the law flies the vehicle by now; `None` while it is suspended.
     flies: Option<bool>,
-    /// Query and events to hand out after this step.
+    /// Query and event to hand out after this step.
     ask: Option<LawQuery>,
-    refusal: Option<ShortText>,
     event: Option<EventKind>,
 }
 
@@ -160,16 +159,13 @@ impl External {
             misses: 0,
             flies: None,
             ask: None,
-            refusal: None,
             event: None,
         }
     }
 
-    /// Sets the time of this step and takes a reply, if there is one, and the reason why something else was refused. Only a
-    /// reply to the pending query is accepted.
-    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&LawReply>, refusal: Option<ShortText>) {
+    /// Sets the time of this step and takes a reply, if there is one. Only a reply to the pending query is accepted.
+    pub fn receive_reply(&mut self, now: PlantTime, answer: Option<&LawReply>) {
         self.now = now;
-        self.refusal = refusal;
         let Some(answer) = answer.filter(|answer| self.pending == Some(answer.tick)) else { return };
         self.event = self.is_lost().then_some(EventKind::LawBack);
         (self.pending, self.misses_in_a_row) = (None, 0);
@@ -237,9 +233,8 @@ impl External {
         self.flies = None;
     }
 
-    /// Takes the query to send after this step, and adds the law's events to `happened`.
+    /// Takes the query to send after this step, and adds the law's event to `happened`.
     pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<LawQuery> {
-        happened.extend(self.refusal.take().map(EventKind::LawAnswerRefused));
         happened.extend(self.event.take());
         self.ask.take()
     }

@@ -33,6 +33,8 @@ const MAX_QUEUED: usize = 4096;
 /// The system's queue holds few datagrams (166 requests for datarefs on Linux), so that it is emptied while a frame is waited for:
 /// as soon as one comes, and close to the end, where a wait for one would be too long, this often.
 const LOOK_PERIOD: Duration = Duration::from_micros(500);
+/// Size of the system's queue of datagrams that is asked for, bytes.
+const RECEIVE_BUFFER: usize = 1 << 20;
 /// Beyond what a wait for a datagram may last too long.
 const CLOSE: Duration = Duration::from_millis(5);
 /// Number of frames by which a simulator may be late before it skips them.
@@ -95,6 +97,8 @@ impl Standin {
         let wanted = SocketAddrV4::new(listen, udp_port(options)?).into();
         let bind = |source| StandinError::Bind { address: wanted, source };
         let port = UdpSocket::bind(wanted).and_then(Port::new).map_err(bind)?;
+        // As much as the system allows: more requests fit while this thread does not run.
+        let _ = port.options().set_recv_buffer_size(RECEIVE_BUFFER);
         let open =
             |port| Web::open(port, &options.acf, options.incoming).map_err(|source| StandinError::Web { port, source });
         Ok(Self {

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::mem;
 
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Heartbeat, ShortText, Trace};
+use skein_common::message::{EventKind, Heartbeat, ShortText, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::{Agent, Outputs};
@@ -181,8 +181,10 @@ impl Vehicle {
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
         let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());
         let strangers = group.map_or(&[][..], Vec::as_slice);
-        let in_place = InPlace { broadcast, strangers, answer: answer.as_ref(), refusal };
-        Some(station.step(now, plant, false, in_place, workspace))
+        let in_place = InPlace { broadcast, strangers, answer: answer.as_ref() };
+        let mut outputs = station.step(now, plant, false, in_place, workspace);
+        outputs.outbox.happened.extend(refusal.map(EventKind::LawAnswerRefused));
+        Some(outputs)
     }
 
     pub(super) fn trace(&mut self, now: LocalTime) -> Option<Trace> {

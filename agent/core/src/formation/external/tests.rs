@@ -31,17 +31,8 @@ impl Session {
 
     /// Advances by 20 ms; returns the law's output and its query.
     fn step(&mut self, answer: Option<&LawReply>) -> (Option<ExternalLawOutput>, Option<LawQuery>) {
-        self.step_with(answer, None)
-    }
-
-    /// As [`Self::step`], with the reason why something was refused.
-    fn step_with(
-        &mut self,
-        answer: Option<&LawReply>,
-        refusal: Option<ShortText>,
-    ) -> (Option<ExternalLawOutput>, Option<LawQuery>) {
         self.frame += 1;
-        self.external.receive_reply(PlantTime::from_nanoseconds(self.frame * 20_000_000), answer, refusal);
+        self.external.receive_reply(PlantTime::from_nanoseconds(self.frame * 20_000_000), answer);
         let neighbour = Neighbour {
             id: id(3),
             position: PositionNed::new(1.0, 2.0, -31.0),
