@@ -440,7 +440,7 @@ fn a_study_on_a_full_disk_keeps_its_figures_and_goes_on_with_its_recordings() {
         let line = "study s.toml --seeds 0..2 --jobs 1 --set record.runs=\"all\" --out o";
         let (status, said) = skein(&disk.path(), line);
         assert_eq!(status, Some(1), "{said}");
-        assert!(said.contains("No space left on device") && said.contains("goes on with the recordings"), "{said}");
+        assert!(said.contains("No space left on device") && said.contains("continues with the recordings"), "{said}");
         assert!(said.contains(" of 2 runs: no collision"), "the figures are on the screen: {said}");
         assert!(!out.join(recording).exists(), "{said}");
         for file in ["summary.json", "runs.csv", "seed-0/metrics.json", "seed-1/metrics.json"] {

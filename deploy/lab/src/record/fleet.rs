@@ -230,7 +230,7 @@ impl FleetWriter {
 
 /// The recording of a fleet.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FleetRecording {
+pub struct FleetPlaces {
     /// All places, in the order of time and team.
     pub places: Vec<TeamPlaces>,
     /// What its file lacks.
@@ -241,7 +241,7 @@ pub struct FleetRecording {
 ///
 /// # Errors
 /// The file cannot be read, or is not the recording of a fleet.
-pub fn read_fleet(path: &Path) -> Result<FleetRecording, RecordError> {
+pub fn read_fleet(path: &Path) -> Result<FleetPlaces, RecordError> {
     let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
     let (mut places, mut lacks) = (Vec::new(), Lacks::default());
     let found = scan(&bytes, |piece| {
@@ -259,7 +259,7 @@ pub fn read_fleet(path: &Path) -> Result<FleetRecording, RecordError> {
     });
     let found = found.map_err(|error| error.reading(path))?;
     let lacks = Lacks { end: lacks.end || found.is_cut, pieces: lacks.pieces + found.damaged, ..lacks };
-    Ok(FleetRecording { places, lacks })
+    Ok(FleetPlaces { places, lacks })
 }
 
 #[cfg(test)]
@@ -289,6 +289,6 @@ mod tests {
         writer.event(1.0, TeamId::FIRST, VehicleId::new(1).unwrap(), &EventKind::Landed).unwrap();
         assert!(!path.exists(), "not before it is complete");
         writer.finish().unwrap();
-        assert_eq!(read_fleet(&path).unwrap(), FleetRecording { places: written.to_vec(), lacks: Lacks::default() });
+        assert_eq!(read_fleet(&path).unwrap(), FleetPlaces { places: written.to_vec(), lacks: Lacks::default() });
     }
 }

@@ -11,7 +11,7 @@ use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX}
 use super::page::{Part, Section};
 use super::{flight, tables, verdict};
 use crate::error::Error;
-use crate::record::{self, FleetRecording, TeamPlaces};
+use crate::record::{self, FleetPlaces, TeamPlaces};
 use crate::study::rounded;
 
 /// Most points of all trails of a panel.
@@ -82,7 +82,7 @@ fn contacts(folder: &Path) -> Result<Vec<Drawing>, Error> {
 }
 
 /// What the recording of a fleet lacks; `None` if it is whole.
-fn missing(FleetRecording { places, lacks }: &FleetRecording) -> Option<Part> {
+fn missing(FleetPlaces { places, lacks }: &FleetPlaces) -> Option<Part> {
     let last_s = places.last().map(|places| places.t_s);
     let lines = verdict::missing(lacks, &verdict::Place { file: "The recording of the fleet", last_s, asked_s: None });
     (!lines.is_empty()).then_some(Part::Verdict(lines))

@@ -52,7 +52,7 @@ pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line
         }
         None => {
             let nothing = collisions.is_empty() && crashes.is_empty();
-            // Of a flight whose end is unknown, nothing good can be said.
+            // Of a flight whose end is unknown, nothing good is known.
             if nothing && recording.lacks.end {
                 lines.push(plain("Until then it shows no collision and no crash."));
                 return lines.into_iter().chain(injected(recording)).chain(reported(recording)).collect();
@@ -70,7 +70,7 @@ pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line
     lines
 }
 
-/// A recording, for what is said about it.
+/// A recording, for the sentences about it.
 pub(super) struct Place<'a> {
     /// Its name at the beginning of a sentence.
     pub(super) file: &'a str,

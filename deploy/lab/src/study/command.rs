@@ -128,7 +128,7 @@ pub fn run(args: &StudyArgs) -> Result<(), Error> {
         eprint!("{}", next(&out, args, &runs));
     }
     recorded.map_err(|error| {
-        Error::Failed(format!("{error}; the figures are complete, and the same command goes on with the recordings"))
+        Error::Failed(format!("{error}; the figures are complete, and the same command continues with the recordings"))
     })
 }
 

@@ -28,7 +28,7 @@ pub trait Progress: Sync {
 pub struct FlownStudy {
     /// The figures of all runs.
     pub runs: Vec<Measured>,
-    /// Whether everything was recorded that should be. The figures are written in any case, and the same study goes on with
+    /// Whether everything was recorded that should be. The figures are written in any case, and the same study continues with
     /// its recordings.
     pub recorded: Result<(), Error>,
 }

@@ -106,7 +106,7 @@ impl Simulator {
         }
     }
 
-    /// Lets the flight model go on from a pose. The built-in helicopter begins on the ground only.
+    /// Lets the flight model continue from a pose. The built-in helicopter begins on the ground only.
     fn put_down(&mut self, moved: &Move) {
         let place = Geodetic::from_degrees(moved.latitude_deg, moved.longitude_deg, self.options.alt_m);
         self.begin_at((place, f64::from(moved.heading_deg).to_radians()));

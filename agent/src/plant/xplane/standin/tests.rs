@@ -130,7 +130,7 @@ fn a_client_holds_the_users_own_aircraft_in_a_pose_and_gives_it_back() {
     assert_eq!((held.velocity_up_m_s, held.roll_rate_rad_s), (0.0, 0.0), "a pose has no speed");
     bench.set("sim/operation/override/override_planepath[0]", 0.0);
     let standing = bench.position_after(50);
-    assert!((standing.height_m - 0.242).abs() < 0.01, "the flight model goes on, from the ground: {standing:?}");
+    assert!((standing.height_m - 0.242).abs() < 0.01, "the flight model continues, from the ground: {standing:?}");
     assert!(
         (standing.latitude_deg - 28.001).abs() < 1e-6 && (standing.heading_deg - 120.0).abs() < 0.1,
         "{standing:?}"
