@@ -259,9 +259,9 @@ fn begin_stream(described: &Described, out: &Path) -> Result<Stream, Error> {
 /// Writes the figures of a fleet into its folder.
 fn write_fleet(over: &[FlightResult], report: &FleetReport, out: &Path) -> Result<(), Error> {
     let traffic: Vec<_> = over.iter().flat_map(|result| result.traffic.iter().cloned()).collect();
-    write(&out.join("teams.csv"), &report.teams_csv())?;
-    write(&out.join(TRAFFIC_FILE), &traffic_csv(&traffic))?;
-    write(&out.join("metrics.json"), &skein_lab::terminal::json(report))
+    write(&out.join("teams.csv"), report.teams_csv())?;
+    write(&out.join(TRAFFIC_FILE), traffic_csv(&traffic))?;
+    write(&out.join("metrics.json"), skein_lab::terminal::json(report))
 }
 
 /// The separations of vehicles of different teams, both in the air.

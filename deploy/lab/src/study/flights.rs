@@ -23,7 +23,7 @@ const FAILURE_FILE: &str = "failure.txt";
 /// # Errors
 /// If the file cannot be written.
 pub fn note_failure(run: &PlannedRun<'_>, why: &str) -> Result<(), Error> {
-    write(&run.folder().join(FAILURE_FILE), &format!("{why}\n"))
+    write(&run.folder().join(FAILURE_FILE), format!("{why}\n"))
 }
 
 /// Takes the figures of a flight that was interrupted out of the study: it is flown again. Its other files stay until then.

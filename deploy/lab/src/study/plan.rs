@@ -158,7 +158,7 @@ impl Plan {
         self.claim = Some(Arc::new(out::claim(&self.out)?));
         // Another command may have had it until now.
         self.folder_for(&study, Some(&self.out), name)?;
-        write(&self.out.join("study.json"), &crate::terminal::json(&study))?;
+        write(&self.out.join("study.json"), crate::terminal::json(&study))?;
         Ok(self)
     }
 
@@ -429,8 +429,8 @@ impl PlannedRun<'_> {
         let flown = study.fly(self.plan.threads, is_recorded.then_some(&recording));
         let (report, recorded) = flown.map_err(|error| Error::Failed(format!("{self}: {error}")))?;
         drop(study);
-        write(&folder.join("teams.csv"), &report.teams_csv())?;
-        write(&folder.join(TRAFFIC_FILE), &traffic_csv(&report.traffic))?;
+        write(&folder.join("teams.csv"), report.teams_csv())?;
+        write(&folder.join(TRAFFIC_FILE), traffic_csv(&report.traffic))?;
         self.write(&files.run, &report)?;
         let recorded = recorded.map_err(|error| Error::Failed(format!("{self}: recording: {error}")));
         Ok((report.measured(), recorded))
@@ -526,7 +526,7 @@ impl PlannedRun<'_> {
         let is_shipped = |name: &str| Aircraft::SHIPPED.iter().any(|(shipped, _)| *shipped == name);
         let mut own = files.aircraft.iter().filter(|(name, _)| !is_shipped(name));
         own.try_for_each(|(name, text)| write(&folder.join(format!("{name}.toml")), text))?;
-        write(&folder.join("metrics.json"), &crate::terminal::json(report))
+        write(&folder.join("metrics.json"), crate::terminal::json(report))
     }
 
     fn failed(&self, error: &StudyError) -> Error {

@@ -61,7 +61,7 @@ pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> R
 
 /// Writes `runs.csv`, then `summary.json`.
 pub(super) fn write_results(plan: &Plan, runs: &[Measured]) -> Result<(), Error> {
-    write(&plan.out.join("runs.csv"), &csv(&plan.points, runs))?;
+    write(&plan.out.join("runs.csv"), csv(&plan.points, runs))?;
     let text = match plan.is_swept() {
         true => json(&by_point(&plan.points, runs)),
         false => json(&summary(runs)),
