@@ -510,7 +510,7 @@ impl Swarm {
         VehicleNow {
             id: vehicle.id,
             runs: true,
-            is_member: agent.membership() == Membership::Active,
+            membership: agent.membership(),
             truth: GroundTruth { position, velocity, attitude, ..frame.truth },
             controls: vehicle.command.and_then(Command::controls).filter(Controls::is_within_limits),
             step: agent.at_step(),

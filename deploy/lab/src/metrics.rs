@@ -55,6 +55,7 @@
 pub mod across;
 mod ages;
 mod crashes;
+mod detection;
 mod fallback;
 pub mod figures;
 mod fleet;
@@ -64,7 +65,6 @@ mod handling;
 mod histogram;
 pub mod limits;
 mod measured;
-mod membership;
 mod mission;
 mod report;
 mod separation;
@@ -89,6 +89,7 @@ use crate::faults::InjectedFault;
 use ages::AgeSampling;
 pub(crate) use crashes::CrashDetector;
 use crashes::Crashes;
+use detection::Detection;
 use fallback::Fallback;
 pub use figures::{Direction, WALL_CLOCK_KEYS};
 pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};
@@ -97,7 +98,6 @@ use graph::Graph;
 use handling::Handling;
 use histogram::Histogram;
 pub use measured::{Measured, Outcome, is_worse, worst_and_median};
-use membership::Membership;
 use mission::Steps;
 pub use report::{Report, Run, VehicleReport, Wall};
 use separation::Separations;
@@ -157,7 +157,7 @@ pub struct Metrics {
     graph: Graph,
     steps: Steps,
     forced_advances: u64,
-    membership: Membership,
+    detection: Detection,
     transients: Transients,
     crashes: Crashes,
     handling: Handling,
@@ -239,7 +239,7 @@ impl Metrics {
             graph: Graph::default(),
             steps: Steps::new(steps.len(), vehicles),
             forced_advances: 0,
-            membership: Membership::new(vehicles, scenario.network.fade_m.or(scenario.network.range_m)),
+            detection: Detection::new(vehicles, scenario.network.fade_m.or(scenario.network.range_m)),
             transients: Transients::default(),
             crashes: Crashes::new(vehicles),
             handling: Handling::new(vehicles, law != Law::External),
@@ -265,8 +265,8 @@ impl Metrics {
         self.t_s = t_s;
         self.sampling.next_step();
         let is_change = self.observe_standings(vehicles);
-        if is_change || !self.membership.is_settled() {
-            self.membership.observe(t_s, vehicles);
+        if is_change || !self.detection.is_settled() {
+            self.detection.observe(t_s, vehicles);
         }
         if is_change {
             self.steps.observe(t_s, vehicles);
@@ -296,14 +296,14 @@ impl Metrics {
     /// Observes a fault that was injected into the swarm.
     pub fn fault(&mut self, t_s: f64, fault: &InjectedFault) {
         match fault {
-            InjectedFault::Died(id) => self.membership.died(t_s, *id),
+            InjectedFault::Died(id) => self.detection.died(t_s, *id),
             InjectedFault::Restarted(id) => {
-                self.membership.restarted(t_s, *id);
+                self.detection.restarted(t_s, *id);
                 self.handling.restarted(*id);
             }
-            InjectedFault::Failed(id, ..) => self.membership.failed(t_s, *id),
-            InjectedFault::Cut { links } => self.membership.cut(t_s, links),
-            InjectedFault::Healed { links } => self.membership.healed(t_s, links),
+            InjectedFault::Failed(id, ..) => self.detection.failed(t_s, *id),
+            InjectedFault::Cut { links } => self.detection.cut(t_s, links),
+            InjectedFault::Healed { links } => self.detection.healed(t_s, links),
             InjectedFault::Delayed { .. } | InjectedFault::DelayOver { .. } => {}
         }
     }
@@ -311,7 +311,7 @@ impl Metrics {
     /// Observes an event that a vehicle reported of itself.
     pub fn observe_event(&mut self, t_s: f64, sender: VehicleId, what: &EventKind) {
         self.forced_advances += u64::from(matches!(what, EventKind::ForcedAdvance { .. }));
-        self.membership.reported(t_s, sender, what);
+        self.detection.reported(t_s, sender, what);
     }
 
     /// The peers of which ages are to be observed at the next observation.
@@ -438,7 +438,7 @@ impl Metrics {
         }
         // A single vehicle has no gaps.
         let is_even = deviation_deg.is_none_or(|deviation_deg| deviation_deg < 10.0);
-        let (members, is_split) = (self.membership.members(), self.membership.is_split());
+        let (members, is_split) = (self.detection.members(), self.detection.is_split());
         // On an ellipsoid any altitude is one of the formation's.
         let is_high = high || !self.has_altitude;
         self.transients.observe(t_s, members, is_split, step, is_high && inside && is_even);

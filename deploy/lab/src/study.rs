@@ -24,7 +24,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use skein_common::id::VehicleSet;
 use skein_common::scenario::{Scenario, Target};
-use skein_common::state::Membership;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 
@@ -151,7 +150,7 @@ pub fn measure(world: &World, zero_s: f64, metrics: &mut Metrics, vehicles: &mut
         vehicles.push(VehicleNow {
             id,
             runs: true,
-            is_member: agent.membership() == Membership::Active,
+            membership: agent.membership(),
             truth: *truth,
             controls,
             step: agent.at_step(),

@@ -3,6 +3,7 @@
 use super::{AIRBORNE_ABOVE_M, VehicleNow, index};
 use skein_common::frame::Attitude;
 use skein_common::math;
+use skein_common::state::Membership;
 
 /// Touchdown speed above which a vehicle has crashed, in any direction, m/s. A landing here touches down at less than
 /// 1 m/s.
@@ -37,7 +38,7 @@ impl Crashes {
     pub(super) fn observe(&mut self, vehicles: &[VehicleNow]) {
         for vehicle in vehicles {
             if let Some(flight) = self.0.get_mut(index(vehicle.id)) {
-                let (truth, lands) = (&vehicle.truth, vehicle.runs && !vehicle.is_member);
+                let (truth, lands) = (&vehicle.truth, vehicle.runs && vehicle.membership != Membership::Active);
                 flight.observe(truth.height_m, truth.velocity.0.norm(), &truth.attitude, lands);
             }
         }
@@ -85,7 +86,7 @@ mod tests {
     fn at(height_m: f64, sinks_m_s: f64, lands: bool) -> VehicleNow {
         let mut seen = vehicle(1, 0.0, 0.0, height_m);
         seen.truth.velocity = VelocityNed::new(0.0, 0.0, sinks_m_s);
-        VehicleNow { is_member: !lands, ..seen }
+        VehicleNow { membership: if lands { Membership::Left } else { Membership::Active }, ..seen }
     }
 
     fn crashes(history: &[VehicleNow]) -> u64 {

@@ -54,13 +54,14 @@ impl Fallback {
 #[cfg(test)]
 mod tests {
     use skein_common::id::VehicleId;
+    use skein_common::state::Membership;
     use skein_core::plant::GroundTruth;
 
     use super::*;
 
     fn vehicle(id: u8, fallback_flies: Option<bool>) -> VehicleNow {
         let dead = VehicleNow::dead(VehicleId::new(id).unwrap(), GroundTruth::default());
-        VehicleNow { runs: true, is_member: true, fallback_flies, ..dead }
+        VehicleNow { runs: true, membership: Membership::Active, fallback_flies, ..dead }
     }
 
     #[test]
@@ -70,7 +71,7 @@ mod tests {
         for fallback_flies in [false, true, false, false] {
             measured.observe(&[vehicle(1, Some(false)), vehicle(2, Some(fallback_flies)), vehicle(3, None)]);
         }
-        let away = VehicleNow { is_member: false, ..vehicle(2, Some(true)) };
+        let away = VehicleNow { membership: Membership::Left, ..vehicle(2, Some(true)) };
         measured.observe(&[away]);
         assert_eq!([0, 1, 2].map(|nth| measured.share(nth)), [Some(0.0), Some(0.25), None]);
         assert_eq!(measured.worst(), Some(0.25));

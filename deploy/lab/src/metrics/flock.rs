@@ -123,6 +123,7 @@ impl Following {
 
 #[cfg(test)]
 mod tests {
+    use skein_common::state::Membership;
     use skein_core::random::{self, Purpose};
 
     use super::super::tests::{set, vehicle};
@@ -202,7 +203,7 @@ mod tests {
     fn mean_speed_includes_hovering_members() {
         let mut all =
             [moving(1, &[], [3.0, 0.0, 4.0]), moving(2, &[], [0.0, 0.1, 0.0]), moving(3, &[], [9.0, 0.0, 0.0])];
-        all[2].is_member = false;
+        all[2].membership = Membership::Joining;
         let (mut alignment, mut series) = (Alignment::default(), SwarmSeries::default());
         series.begin(0.0);
         alignment.observe(&mut series, &all, &live_members(&all));

@@ -73,6 +73,8 @@ impl Steps {
 
 #[cfg(test)]
 mod tests {
+    use skein_common::state::Membership;
+
     use super::super::tests::vehicle;
     use super::*;
 
@@ -127,8 +129,8 @@ mod tests {
 
     #[test]
     fn joining_adds_no_latency_and_a_landing_counts_as_entering_its_step() {
-        let joining = |step| VehicleNow { is_member: false, ..at(3, step, None) };
-        let landing = VehicleNow { is_member: false, ..at(1, 3, Some(2)) };
+        let joining = |step| VehicleNow { membership: Membership::Joining, ..at(3, step, None) };
+        let landing = VehicleNow { membership: Membership::Left, ..at(1, 3, Some(2)) };
         let steps = observed(&[
             (0.0, &[at(1, 2, None), joining(0)]),
             (10.0, &[at(1, 2, Some(2)), joining(0)]),

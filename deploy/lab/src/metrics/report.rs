@@ -234,7 +234,7 @@ impl Metrics {
             advance_latency_s: self.steps.latency_s(),
             forced_advances: with_several_steps(Some(self.forced_advances)),
             detection_s: delays_after_faults[0].1.s(),
-            false_suspicions: (pairs > 0.0).then(|| self.membership.false_suspicions()),
+            false_suspicions: (pairs > 0.0).then(|| self.detection.false_suspicions()),
             rejoin_s: delays_after_faults[1].1.s(),
             response_s: delays_after_faults[2].1.s(),
             transient_s: delays_after_faults[3].1.s(),
@@ -268,9 +268,9 @@ impl Metrics {
     fn delays_after_faults(&self) -> [(&'static str, Worst); 4] {
         let transient = if self.is_round { self.transients.worst(self.t_s) } else { Worst::default() };
         [
-            ("detection_s", self.membership.detection(self.t_s)),
-            ("rejoin_s", self.membership.rejoin(self.t_s)),
-            ("response_s", self.membership.response(self.t_s)),
+            ("detection_s", self.detection.detection(self.t_s)),
+            ("rejoin_s", self.detection.rejoin(self.t_s)),
+            ("response_s", self.detection.response(self.t_s)),
             ("transient_s", transient),
         ]
     }

@@ -3,6 +3,7 @@ use skein_common::id::VehicleSet;
 use skein_common::math;
 use skein_common::message::Failure;
 use skein_common::scenario::{Source, load};
+use skein_common::state::Membership;
 use skein_core::plant::{Controls, GroundTruth};
 use std::collections::BTreeSet;
 
@@ -34,7 +35,7 @@ pub(super) fn vehicle(number: u8, bearing_deg: f64, distance_m: f64, height_m: f
     let controls = Some(Controls { roll: 0.3, pitch: 0.0, yaw: 0.0, collective: 0.6 });
     VehicleNow {
         runs: true,
-        is_member: true,
+        membership: Membership::Active,
         controls,
         in_contact: VehicleId::first(3).collect(),
         ..VehicleNow::dead(VehicleId::new(number).unwrap(), truth)

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::state::Membership;
 use skein_core::plant::{Controls, GroundTruth};
 
 /// One vehicle at one instant.
@@ -11,8 +12,8 @@ pub struct VehicleNow {
     pub id: VehicleId,
     /// Whether its agent runs. If not, only `truth` is meaningful.
     pub runs: bool,
-    /// Whether it is an active member.
-    pub is_member: bool,
+    /// Membership in the swarm.
+    pub membership: Membership,
     /// Ground truth of the vehicle.
     pub truth: GroundTruth,
     /// Controls of the vehicle; `None` if no agent holds them.
@@ -38,7 +39,7 @@ impl VehicleNow {
         Self {
             id,
             runs: false,
-            is_member: false,
+            membership: Membership::Joining,
             truth,
             controls: None,
             step: 0,
@@ -52,7 +53,7 @@ impl VehicleNow {
 
     /// Whether the vehicle is a live member: an active member whose agent runs.
     pub fn is_live_member(&self) -> bool {
-        self.runs && self.is_member
+        self.runs && self.membership == Membership::Active
     }
 }
 

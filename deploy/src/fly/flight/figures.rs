@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use skein_common::id::{FleetVehicle, VehicleId};
 use skein_common::message::Trace;
-use skein_common::state::{Membership, PeerStatus};
+use skein_common::state::PeerStatus;
 use skein_core::peers::FRESH_S;
 use skein_core::plant::{Controls, GroundTruth};
 
@@ -140,7 +140,7 @@ fn vehicle_now(step: &Trace) -> VehicleNow {
     let peers = || step.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
     VehicleNow {
         runs: true,
-        is_member: step.membership == Membership::Active,
+        membership: step.membership,
         controls: step.controls.map(|[roll, pitch, yaw, collective]| Controls { roll, pitch, yaw, collective }),
         step: step.step,
         reached: step.reached,

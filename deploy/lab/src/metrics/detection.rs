@@ -5,6 +5,7 @@ use std::mem;
 
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::EventKind;
+use skein_common::state::Membership;
 
 use super::series::Worst;
 use super::{VehicleNow, index};
@@ -19,14 +20,14 @@ type Link = (VehicleId, VehicleId);
 
 /// Measures how the swarm detects deaths, returns, cuts and failures.
 #[derive(Clone, Debug)]
-pub(super) struct Membership {
+pub(super) struct Detection {
     vehicles: usize,
     /// Distance beyond which messages may be lost, m.
     reach_m: f64,
     alive: VehicleSet,
     members: VehicleSet,
-    /// Vehicles that have been members since their agent started.
-    joined: VehicleSet,
+    /// Vehicles that have left the swarm since their agent started.
+    left: VehicleSet,
     /// The peers that each vehicle does not count as lost, by id.
     in_contact: Vec<VehicleSet>,
     /// Start time of each vehicle's present agent, by id, s.
@@ -62,7 +63,7 @@ enum Transition {
     Return,
 }
 
-impl Membership {
+impl Detection {
     /// A swarm in which all agents run, no agents are in contact, and no link is cut. Messages over more than `reach_m`
     /// may be lost.
     pub(super) fn new(vehicles: usize, reach_m: Option<f64>) -> Self {
@@ -71,7 +72,7 @@ impl Membership {
             reach_m: reach_m.unwrap_or(f64::INFINITY),
             alive: VehicleId::first(vehicles).collect(),
             members: VehicleSet::default(),
-            joined: VehicleSet::default(),
+            left: VehicleSet::default(),
             in_contact: vec![VehicleSet::default(); vehicles],
             born_s: vec![f64::NEG_INFINITY; vehicles],
             cut_from: vec![VehicleSet::default(); vehicles],
@@ -103,7 +104,7 @@ impl Membership {
     pub(super) fn restarted(&mut self, t_s: f64, id: VehicleId) {
         self.is_settled = false;
         self.alive.insert(id);
-        self.joined.remove(id);
+        self.left.remove(id);
         if let Some(born_s) = self.born_s.get_mut(index(id)) {
             *born_s = t_s;
         }
@@ -173,9 +174,11 @@ impl Membership {
             *in_contact = vehicle.in_contact;
             if vehicle.is_live_member() {
                 self.members.insert(vehicle.id);
-                self.joined.insert(vehicle.id);
             } else {
                 self.members.remove(vehicle.id);
+            }
+            if vehicle.runs && vehicle.membership == Membership::Left {
+                self.left.insert(vehicle.id);
             }
         }
         for link in mem::take(&mut self.suspected) {
@@ -257,9 +260,9 @@ impl Membership {
         self.in_contact.get(index(receiver)).is_some_and(|in_contact| in_contact.contains(sender))
     }
 
-    /// Whether the vehicle was an active member since its agent started and is one no longer.
+    /// Whether the vehicle has left the swarm: its peers do not have to count it as active.
     fn has_left(&self, id: VehicleId) -> bool {
-        self.joined.contains(id) && !self.members.contains(id)
+        self.left.contains(id)
     }
 
     /// Whether the receiver can still detect the change: it runs, and the change is not over.
