@@ -42,7 +42,7 @@ use computer::{Computer, Parts, Process};
 use liar::Liar;
 use network::{Backlog, Network, NodeState, Packet};
 pub use plan::FaultKind;
-use plan::{Chance, FLIGHT_S, Plan, SILENT_FROM_S, STEPS, VEHICLES};
+use plan::{Chance, FLIGHT_S, MISSION_S, Plan, SILENT_FROM_S, STEPS, VEHICLES};
 use rules::Rules;
 pub use rules::Violation;
 pub use table::{failure, table};
@@ -87,6 +87,8 @@ pub struct WorldFlight {
     pub awaited: u64,
     /// Number of times that a side advanced where only a majority may.
     pub majorities: u64,
+    /// Whether the mission was flown to its end.
+    pub has_ended: bool,
     /// The first broken invariant.
     pub violation: Option<Violation>,
     /// Differs if anything in the flight differs.
@@ -273,7 +275,8 @@ impl World {
         }
         (0..self.plan.orders.len()).for_each(|nth| self.at(ns(self.plan.orders[nth].at_s), Event::OrderGiven(nth)));
         while let Some(((t_ns, _), event)) = self.queue.pop_first() {
-            if t_ns > ns(FLIGHT_S) || self.rules.violation.is_some() {
+            let end_s = if self.plan.is_to_the_end { MISSION_S } else { FLIGHT_S };
+            if t_ns > ns(end_s) || self.rules.violation.is_some() || self.flight.has_ended {
                 return;
             }
             self.t_ns = t_ns;
@@ -517,6 +520,15 @@ impl World {
     fn end(mut self) -> WorldFlight {
         if self.rules.violation.is_none() {
             let t_s = self.t_s();
+            if self.plan.is_to_the_end && !self.flight.has_ended {
+                let of = |(id, computer): (&VehicleId, &Computer)| {
+                    let agent = computer.process.as_ref()?.agent.agent();
+                    let (step, reached, activity) = (agent.at_step(), agent.reached(), agent.activity());
+                    Some(format!("vehicle {id} at step {step}, reached {reached:?}, {activity:?}"))
+                };
+                let states: Vec<String> = self.computers.iter().filter_map(of).collect();
+                self.rules.broken(t_s, rules::ENDS, states.join("; "));
+            }
             if !self.has_agreed {
                 let difference = self.difference.take().unwrap_or_else(|| "an agent does not run".to_owned());
                 self.rules.broken(t_s, rules::AGREED, difference);

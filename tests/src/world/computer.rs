@@ -11,7 +11,7 @@ use skein_common::scenario::Scenario;
 use skein_core::aircraft::Aircraft;
 use skein_core::builtin::BuiltInPlant;
 use skein_core::control::Rules;
-use skein_core::helicopter::TICK_S;
+use skein_core::helicopter::{Failures, TICK_S};
 use skein_core::plant::{Command, Frame, Plant, Wake};
 use skein_host::clock::{incarnation_after, incarnation_text};
 
@@ -216,6 +216,11 @@ impl Computer {
     /// The next frame of the helicopter; `None` while its simulator is frozen.
     pub(super) fn next_frame(&mut self) -> Option<Frame> {
         if self.simulator_is_frozen { None } else { Some(lock(&self.helicopter).advance()) }
+    }
+
+    /// From now on the measured position does not change.
+    pub(super) fn freeze_position(&mut self) {
+        lock(&self.helicopter).plant.fail(Failures { position_frozen: true, ..Failures::default() });
     }
 
     /// The control loop's report to the supervisor.

@@ -3,9 +3,10 @@
 use skein_common::id::VehicleId;
 
 use super::World;
+use super::computer::Computer;
 use super::plan::FaultKind;
 use super::rules::{self, Rules};
-use super::{AGREE_S, FLIGHT_S};
+use super::{AGREE_S, FLIGHT_S, STEPS};
 
 impl World {
     pub(super) fn fault_begins(&mut self, nth: usize) {
@@ -29,6 +30,7 @@ impl World {
             FaultKind::Suspend => computer.is_suspended = true,
             FaultKind::Block => computer.publisher_is_blocked = true,
             FaultKind::Freeze => computer.simulator_is_frozen = true,
+            FaultKind::PositionFrozen => computer.freeze_position(),
             FaultKind::FullDisk => computer.disk.is_full = true,
             FaultKind::DeadDisk => computer.disk.is_dead = true,
             FaultKind::SetClock => computer.utc_set_s += fault.by_s,
@@ -80,7 +82,7 @@ impl World {
                     self.network.heal(from, to).into_iter().for_each(|packet| self.send(packet, false));
                 }
             }
-            FaultKind::Kill | FaultKind::SetClock => {}
+            FaultKind::Kill | FaultKind::SetClock | FaultKind::PositionFrozen => {}
         }
         if matches!(fault.kind, FaultKind::Stop | FaultKind::Suspend) {
             // What the operating system has received meanwhile.
@@ -105,7 +107,13 @@ pub(super) fn check(world: &mut World) {
     check_silence(world);
     check_spreading(world);
     let t_s = world.t_s();
-    if t_s > FLIGHT_S - AGREE_S && !world.has_agreed {
+    if t_s > FLIGHT_S {
+        let has_ended = |computer: &Computer| {
+            let agent = computer.process.as_ref().map(|process| process.agent.agent());
+            agent.is_some_and(|agent| agent.has_finished() || agent.reached() == Some(STEPS - 1))
+        };
+        world.flight.has_ended = world.computers.values().all(has_ended);
+    } else if t_s > FLIGHT_S - AGREE_S && !world.has_agreed {
         let agents = world.computers.iter().filter_map(|(id, computer)| Some((*id, &computer.process.as_ref()?.agent)));
         let all_run = agents.clone().count() == world.computers.len();
         world.difference = world.rules.difference(agents);

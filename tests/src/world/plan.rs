@@ -11,8 +11,13 @@ use skein_core::random::{self, Purpose};
 pub(super) const HONEST: usize = 4;
 /// Number of vehicles: the honest ones and the liar.
 pub(super) const VEHICLES: usize = HONEST + 1;
-/// Length of a flight, s.
+/// Length of a flight, s; one that flies its mission to the end is longer.
 pub(super) const FLIGHT_S: f64 = 60.0;
+/// Every mission that is flown to its end has ended by then, s: a vehicle that comes no nearer to its place leaves after a minute, and
+/// the few steps that remain take ten seconds each.
+pub(super) const MISSION_S: f64 = FLIGHT_S + 200.0;
+/// One world of so many flies its mission to the end.
+const TO_THE_END: u64 = 10;
 /// From then on no fault lasts and no order is given, s.
 pub(super) const QUIET_FROM_S: f64 = 42.0;
 /// From then on the liar is silent, s: it can keep all others at their step, as the model check shows.
@@ -78,11 +83,13 @@ pub enum FaultKind {
     SetClock,
     /// The simulator delivers no frames.
     Freeze,
+    /// The measured position does not change any more, to the end.
+    PositionFrozen,
 }
 
 impl FaultKind {
     /// All kinds.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Kill,
         Self::Stop,
         Self::Hang,
@@ -94,7 +101,14 @@ impl FaultKind {
         Self::DeadDisk,
         Self::SetClock,
         Self::Freeze,
+        Self::PositionFrozen,
     ];
+
+    /// The kinds that pass, in every world.
+    const PASSING: [Self; 11] = {
+        let [passing @ .., Self::PositionFrozen] = Self::ALL else { panic!("the last kind remains") };
+        passing
+    };
 
     /// Its name in the table.
     pub fn name(self) -> &'static str {
@@ -110,6 +124,7 @@ impl FaultKind {
             Self::DeadDisk => "disk fails",
             Self::SetClock => "UTC set",
             Self::Freeze => "simulator freezes",
+            Self::PositionFrozen => "position frozen",
         }
     }
 }
@@ -201,6 +216,8 @@ pub(super) struct Plan {
     pub(super) faults: Vec<PlannedFault>,
     /// The orders by time.
     pub(super) orders: Vec<PlannedOrder>,
+    /// Whether the mission is flown to its end.
+    pub(super) is_to_the_end: bool,
 }
 
 impl Plan {
@@ -242,6 +259,7 @@ impl Plan {
             traced_s: [begins_s, begins_s + 2.0],
             faults,
             orders,
+            is_to_the_end: seed % TO_THE_END == TO_THE_END - 1,
         };
         if chance.is_so(0.3) {
             let halves = halves(&mut chance, &honest, &ids);
@@ -252,7 +270,27 @@ impl Plan {
             plan.faults.extend(halves);
             plan.faults.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
         }
+        if plan.is_to_the_end {
+            plan.fly_to_the_end(&mut chance, &honest);
+        }
         plan
+    }
+
+    /// No order keeps a vehicle from the end of the mission, and in every second world a position freezes for ever.
+    fn fly_to_the_end(&mut self, chance: &mut Chance, honest: &[VehicleId]) {
+        self.orders.retain(|order| order.vehicles.is_none());
+        let node = chance.one_of(honest);
+        let verb = Verb::Goto(STEPS - 4);
+        self.orders.push(PlannedOrder { at_s: FLIGHT_S, node, verb, vehicles: None, is_concurrent: false });
+        if chance.is_so(0.5) {
+            let (at_s, node, kind) =
+                (chance.between(10.0, QUIET_FROM_S), chance.one_of(honest), FaultKind::PositionFrozen);
+            let (until_s, others) = (f64::INFINITY, VehicleSet::default());
+            let frozen =
+                PlannedFault { at_s, until_s, kind, node, others, ways: [true; 2], by_s: 0.0, clock_runs: true };
+            self.faults.push(frozen);
+            self.faults.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
+        }
     }
 }
 
@@ -291,7 +329,7 @@ fn pc(chance: &mut Chance) -> PcPlan {
 }
 
 fn fault(chance: &mut Chance, honest: &[VehicleId], ids: &[VehicleId]) -> PlannedFault {
-    let kind = chance.one_of(&FaultKind::ALL);
+    let kind = chance.one_of(&FaultKind::PASSING);
     let node = chance.one_of(honest);
     // A supervisor needs eleven seconds to notice a hang.
     let latest_s = if matches!(kind, FaultKind::Stop | FaultKind::Hang) { 27.0 } else { 36.0 };

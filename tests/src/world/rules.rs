@@ -46,6 +46,9 @@ pub(super) const VOUCHED: &str = "no agent vouches for a step that no honest age
 /// As in the model check of the agreement: rule (b) and the end of P5.
 pub(super) const AGREED: &str = "all honest agents agree in the end";
 
+/// When faults and lies are over, every mission ends: each honest vehicle reaches the last step, or leaves.
+pub(super) const ENDS: &str = "every mission ends";
+
 /// Limit for two healthy nodes to be in contact again, s.
 pub(super) const REJOIN_S: f64 = 5.0;
 /// Limit for a node to notice that it does not receive a peer, s.

@@ -48,9 +48,10 @@ fn summary(flights: &[WorldFlight]) -> String {
         let count: u32 = flights.iter().filter_map(|flight| flight.faults.get(&kind)).sum();
         rows.push((format!("fault: {}", kind.name()), count.to_string()));
     }
-    let counts: [(&str, Figure<u64>); 13] = [
+    let counts: [(&str, Figure<u64>); 14] = [
         ("orders given", |flight| flight.orders.into()),
         ("agents started again", |flight| flight.restarts.into()),
+        ("missions flown to their end", |flight| flight.has_ended.into()),
         ("mission steps reached", |flight| flight.steps.into()),
         ("vehicles awaited at a step (P3)", |flight| flight.awaited),
         ("advances of a majority (P7)", |flight| flight.majorities),
