@@ -128,7 +128,9 @@ pub struct Mission {
     progress: LegProgress,
     approach: Approach,
     progress_timeout_s: f64,
-    /// Whether the vehicle has once come no nearer to a step for too long: it lands for good.
+    /// Since when a vehicle in the air could have joined, were it ready to fly.
+    kept_out_since: Option<PlantTime>,
+    /// Whether the vehicle has once come no nearer to a step, or to joining in the air, for too long: it lands for good.
     gave_up: bool,
     /// Whether this vehicle has once completed its step, except that the next one may be taken.
     is_complete: bool,
@@ -188,6 +190,7 @@ impl Mission {
             progress: LegProgress::default(),
             approach: Approach::default(),
             progress_timeout_s: scenario.mission.progress_timeout_s,
+            kept_out_since: None,
             gave_up: false,
             is_complete: false,
             is_late: false,
@@ -288,6 +291,7 @@ impl Mission {
         if self.membership() == Membership::Joining && has_listened && may_fly {
             self.agreement.set_membership(Membership::Active);
         }
+        self.watch_joining(now.plant, has_listened && estimate.height_m > FLYING_ABOVE_M, happened);
         self.decide(now, estimate, view, heartbeats, happened)
     }
 
@@ -476,6 +480,18 @@ impl Mission {
     fn is_rotor_ready(&self, estimate: &Estimate) -> bool {
         let speeds = estimate.rotor_speed_rad_s.zip(self.take_off_rotor_rad_s);
         speeds.is_none_or(|(speed_rad_s, least_rad_s)| speed_rad_s >= least_rad_s)
+    }
+
+    /// Watches whether a vehicle in the air that could join does so. Otherwise it would hold its position for ever.
+    fn watch_joining(&mut self, now: PlantTime, could_join: bool, happened: &mut Vec<EventKind>) {
+        let is_kept_out = could_join && self.membership() == Membership::Joining;
+        let since = self.kept_out_since.take().unwrap_or(now);
+        self.kept_out_since = is_kept_out.then_some(since);
+        let is_past = Deadline::NoProgress(self.progress_timeout_s).is_past(now.seconds_since(since));
+        if is_kept_out && is_past && !self.gave_up {
+            self.gave_up = true;
+            happened.push(EventKind::Failed(Failure::Place));
+        }
     }
 
     /// Joining on the ground leaves the controls unchanged; joining in the air (after a restart) holds the position.

@@ -433,6 +433,24 @@ fn a_vehicle_that_comes_no_nearer_to_its_step_reports_it_leaves_and_lands() {
 }
 
 #[test]
+fn a_vehicle_in_the_air_that_cannot_join_reports_it_leaves_and_lands() {
+    let mut one = One::new(TWO, "");
+    one.view.position_is_stuck = true;
+    let left = (0..200).find(|&second| {
+        one.step(f64::from(second), 30.0);
+        one.mission.membership() == Membership::Left
+    });
+    assert!(left.is_some_and(|second| (60..70).contains(&second)), "{left:?}");
+    assert_eq!(one.take_events(), [EventKind::Failed(Failure::Place)]);
+    let mut on_ground = One::new(TWO, "");
+    on_ground.view.position_is_stuck = true;
+    (0..200).for_each(|second| {
+        on_ground.step(f64::from(second), 0.24);
+    });
+    assert_eq!(on_ground.mission.membership(), Membership::Joining, "on the ground it keeps no place in the air");
+}
+
+#[test]
 fn a_vehicle_that_comes_nearer_or_keeps_no_other_waiting_stays() {
     // Slowly against the wind.
     assert_eq!(approaching(TWO, "", |second| 12.0 - 0.02 * f64::from(second)).1, None);
