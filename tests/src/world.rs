@@ -524,7 +524,10 @@ impl World {
                 let of = |(id, computer): (&VehicleId, &Computer)| {
                     let agent = computer.process.as_ref()?.agent.agent();
                     let (step, reached, activity) = (agent.at_step(), agent.reached(), agent.activity());
-                    Some(format!("vehicle {id} at step {step}, reached {reached:?}, {activity:?}"))
+                    let height_m = computer.height_m();
+                    Some(format!(
+                        "vehicle {id} at step {step}, reached {reached:?}, {activity:?}, {height_m:.1} m above the ground"
+                    ))
                 };
                 let states: Vec<String> = self.computers.iter().filter_map(of).collect();
                 self.rules.broken(t_s, rules::ENDS, states.join("; "));

@@ -223,6 +223,11 @@ impl Computer {
         lock(&self.helicopter).plant.fail(Failures { position_frozen: true, ..Failures::default() });
     }
 
+    /// The helicopter's height above the ground, m.
+    pub(super) fn height_m(&self) -> f64 {
+        lock(&self.helicopter).plant.frame().measurement.height_m
+    }
+
     /// The control loop's report to the supervisor.
     pub(super) fn report(&mut self) {
         self.process.iter_mut().for_each(|process| process.has_reported = true);

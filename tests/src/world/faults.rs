@@ -1,12 +1,13 @@
 //! How faults begin and end, and the invariants that take time.
 
 use skein_common::id::VehicleId;
+use skein_common::state::Membership;
+use skein_core::agent::Agent;
 
 use super::World;
-use super::computer::Computer;
 use super::plan::FaultKind;
 use super::rules::{self, Rules};
-use super::{AGREE_S, FLIGHT_S, STEPS};
+use super::{AGREE_S, FLIGHT_S, STEPS, VEHICLES};
 
 impl World {
     pub(super) fn fault_begins(&mut self, nth: usize) {
@@ -107,12 +108,14 @@ pub(super) fn check(world: &mut World) {
     check_silence(world);
     check_spreading(world);
     let t_s = world.t_s();
-    if t_s > FLIGHT_S {
-        let has_ended = |computer: &Computer| {
-            let agent = computer.process.as_ref().map(|process| process.agent.agent());
-            agent.is_some_and(|agent| agent.has_finished() || agent.reached() == Some(STEPS - 1))
-        };
-        world.flight.has_ended = world.computers.values().all(has_ended);
+    if world.plan.is_to_the_end && t_s > FLIGHT_S {
+        let agents = || world.computers.values().filter_map(|computer| Some(computer.process.as_ref()?.agent.agent()));
+        let has_ended = |agent: &Agent| agent.has_finished() || agent.reached() == Some(STEPS - 1);
+        let active = agents().filter(|agent| agent.membership() == Membership::Active).count();
+        // Where only a majority may advance, fewer than a majority hold.
+        let is_held = world.plan.has_quorum_policy && active <= VEHICLES / 2;
+        let all_run = agents().count() == world.computers.len();
+        world.flight.has_ended = all_run && (is_held || agents().all(has_ended));
     } else if t_s > FLIGHT_S - AGREE_S && !world.has_agreed {
         let agents = world.computers.iter().filter_map(|(id, computer)| Some((*id, &computer.process.as_ref()?.agent)));
         let all_run = agents.clone().count() == world.computers.len();

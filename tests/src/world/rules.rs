@@ -46,7 +46,8 @@ pub(super) const VOUCHED: &str = "no agent vouches for a step that no honest age
 /// As in the model check of the agreement: rule (b) and the end of P5.
 pub(super) const AGREED: &str = "all honest agents agree in the end";
 
-/// When faults and lies are over, every mission ends: each honest vehicle reaches the last step, or leaves.
+/// When faults and lies are over, every mission ends: each honest vehicle reaches the last step, or leaves; where only a
+/// majority may advance, fewer than a majority may hold instead.
 pub(super) const ENDS: &str = "every mission ends";
 
 /// Limit for two healthy nodes to be in contact again, s.
