@@ -1,0 +1,43 @@
+//! Shares of this PC's processors, for tests in real time that run side by side.
+//!
+//! Such a test waits most of its time, so that far more of them fit than there are processors. With too many at once, agents miss
+//! their frames. Each test therefore takes a [`Share`], as much as it computes, and waits while the others leave too little.
+
+use std::num::NonZeroUsize;
+use std::sync::{Condvar, Mutex, PoisonError};
+use std::thread::available_parallelism;
+
+/// The percents of a processor that the running tests have taken.
+static TAKEN: Mutex<u32> = Mutex::new(0);
+static RETURNED: Condvar = Condvar::new();
+
+/// A share of the processors, given back at the end of the test.
+#[derive(Debug)]
+#[must_use]
+pub struct Share(u32);
+
+impl Share {
+    /// Waits until this PC has so many percents of a processor left for a test. A test that wants more than there is runs alone.
+    pub fn of(percent: u32) -> Self {
+        // A fifth remains for the rest of the PC.
+        let all = 80 * available_parallelism().map_or(1, NonZeroUsize::get) as u32;
+        let wanted = percent.min(all);
+        let taken = TAKEN.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_full = |taken: &mut u32| *taken + wanted > all;
+        *RETURNED.wait_while(taken, is_full).unwrap_or_else(PoisonError::into_inner) += wanted;
+        Self(wanted)
+    }
+
+    /// The share of a flight with this many vehicles on the built-in model: each agent computes for 2 % of a processor, its start
+    /// and the observer take more.
+    pub fn of_flight(vehicles: u32) -> Self {
+        Self::of(10 + 3 * vehicles)
+    }
+}
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        *TAKEN.lock().unwrap_or_else(PoisonError::into_inner) -= self.0;
+        RETURNED.notify_all();
+    }
+}

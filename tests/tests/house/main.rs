@@ -1,0 +1,5 @@
+//! Rules for the sources themselves.
+#![expect(clippy::unwrap_used, reason = "what a test cannot do has failed")]
+
+mod house;
+mod plain_words;
