@@ -38,12 +38,12 @@ use skein_common::frame::{HeadingFrame, wrap_rad};
 
 use crate::estimate::Estimate;
 use crate::plant::Controls;
+use crate::setpoint::{CollectiveLimit, Setpoint};
 
 pub use fis::{Fis, FisError};
 pub use gains::{BadGain, Gains};
 pub use stage::{Controller, StageOutput};
 pub use sugeno::Sugeno;
-pub(crate) use trim::VELOCITY_PER_ERROR_PER_S;
 pub use trim::{AutoTrim, BadTrim, Trim};
 pub use velocity::VelocityController;
 
@@ -66,28 +66,6 @@ const BRAKE_PER_M_S: f64 = 2.0;
 /// Time over which the controls pass from those of a human pilot to those of the rules, s.
 const TRANSFER_S: f64 = 1.0;
 
-/// The formation's command to the vehicle controller.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setpoint {
-    /// Commanded velocity relative to the feed-forward, north and east, m/s: the formation's field after conversion and
-    /// safety filter, before the gate.
-    pub relative_velocity_ne_m_s: Vector2<f64>,
-    /// Velocity of the moving centre, north and east, m/s; zero if it is not fed forward.
-    pub feedforward_ne_m_s: Vector2<f64>,
-    /// Altitude above the swarm's origin, m.
-    pub altitude_m: f64,
-    /// Heading, clockwise from north, rad.
-    pub heading_rad: f64,
-}
-
-impl Setpoint {
-    /// The relative velocity in the unit of the rule bases: the position error at which they command it, north and
-    /// east, m.
-    pub fn error_ne_m(&self) -> Vector2<f64> {
-        self.relative_velocity_ne_m_s / VELOCITY_PER_ERROR_PER_S
-    }
-}
-
 /// The output of one control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControlOutput {
@@ -95,36 +73,6 @@ pub struct ControlOutput {
     pub controls: Controls,
     /// The reason why `controls` repeats the last good command; `None` for a new command.
     pub fault: Option<ControlFault>,
-}
-
-/// The limit of the controller's authority over the climb: no collective is left in this direction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CollectiveLimit {
-    /// The collective is at its lowest: the vehicle cannot sink faster.
-    Lowest,
-    /// The collective is at its highest: the vehicle cannot climb faster.
-    Highest,
-}
-
-impl CollectiveLimit {
-    /// The limit of the range from `low` to `high` that this value has reached.
-    fn of(value: f64, low: f64, high: f64) -> Option<Self> {
-        if value >= high {
-            Some(Self::Highest)
-        } else if value <= low {
-            Some(Self::Lowest)
-        } else {
-            None
-        }
-    }
-
-    /// Whether this limit prevents a correction of this altitude error, setpoint minus altitude, m.
-    pub fn is_towards(self, altitude_error_m: f64) -> bool {
-        match self {
-            Self::Lowest => altitude_error_m < 0.0,
-            Self::Highest => altitude_error_m > 0.0,
-        }
-    }
 }
 
 /// Why a step could not compute new controls.

@@ -44,10 +44,10 @@ use skein_common::scenario::{self, Scenario};
 use skein_common::state::PeerStatus;
 use skein_common::time::PlantTime;
 
-use crate::control::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::mission::{self, Task};
 use crate::peers::{FRESH_S, MAX_OBSTACLE_RADIUS_M, PeerEstimate, PeerSummary, Role};
+use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::strangers::MovingObstacle;
 use airspace::Airspace;
 use conversion::Conversion;

@@ -11,7 +11,8 @@ use skein_common::id::VehicleId;
 use skein_common::math;
 
 use crate::aircraft::Aircraft;
-use crate::control::{Rules, Setpoint, VELOCITY_PER_ERROR_PER_S, VehicleController};
+use crate::control::{Rules, VehicleController};
+use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::helicopter::{BuiltInVehicle, Parameters, Start, TICK_S, Weather};
 

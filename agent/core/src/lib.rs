@@ -52,6 +52,7 @@ pub mod plant;
 pub mod point_mass;
 pub mod random;
 pub mod sensors;
+pub mod setpoint;
 pub mod skew;
 pub mod start;
 pub mod station;

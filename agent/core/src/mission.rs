@@ -35,11 +35,11 @@ use skein_common::scenario::Scenario;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
-use crate::control::CollectiveLimit;
 use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions, Response};
 use crate::peers::{PeerProgress, Report};
+use crate::setpoint::CollectiveLimit;
 use agreement::{Agreement, AgreementState, OtherStates, Progress};
 use approach::{Approach, Remaining};
 use landing::Landing;

@@ -4,7 +4,8 @@ use skein_common::frame::Origin;
 use skein_common::scenario::Scenario;
 
 use crate::aircraft::Aircraft;
-use crate::control::{Controller, Rules, Setpoint};
+use crate::control::{Controller, Rules};
+use crate::setpoint::Setpoint;
 use crate::estimate::Estimate;
 use crate::helicopter::TICK_S;
 use crate::plant::{Command, Frame};

@@ -190,6 +190,27 @@ fn no_two_modules_import_each_other() {
     assert!(cycles.is_empty(), "modules that import each other:\n{}", cycles.join("\n"));
 }
 
+/// The stages of the agent's loop, in the order in which it calls them.
+const STAGES: [&str; 7] = ["estimate", "diagnosis", "peers", "mission", "formation", "control", "outbox"];
+
+/// The pairs of stages of which the first uses the second, which is called after it.
+fn uses_of_later_stages(uses: &BTreeMap<(Module, Module), Module>) -> Vec<String> {
+    let nth = |module: &Module| STAGES.iter().position(|stage| *module == [*stage]);
+    let later = uses.iter().filter(|((from, to), _)| nth(from).zip(nth(to)).is_some_and(|(from, to)| from < to));
+    later.map(|((from, to), by)| format!("{} -> {} (in {})", from.join("::"), to.join("::"), by.join("::"))).collect()
+}
+
+#[test]
+fn no_stage_of_the_loop_uses_a_later_one() {
+    let mut modules = BTreeMap::from([(Module::new(), String::new())]);
+    sources(&root().join("agent/core/src"), &[], &mut modules);
+    assert!(STAGES.iter().all(|stage| modules.contains_key(&vec![(*stage).to_owned()])), "a stage has another name");
+    assert_eq!(uses_of_later_stages(&uses(&modules)), Vec::<String>::new());
+    let code = [("mission", "use crate::control::X;"), ("control", "use crate::mission::Y;")];
+    let modules = code.map(|(name, code)| (vec![name.to_owned()], code.to_owned())).into();
+    assert_eq!(uses_of_later_stages(&uses(&modules)), ["mission -> control (in mission)"]);
+}
+
 /// The public types that are declared at the top of a module, with the number of modules that declare one of this name.
 fn public_types(modules: &BTreeMap<Module, String>) -> BTreeMap<String, usize> {
     let mut found = BTreeMap::new();

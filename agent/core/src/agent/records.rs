@@ -5,7 +5,7 @@ use skein_common::message::{Header, PeerAge, PeerContact, Summary, Trace};
 use skein_common::time::Now;
 
 use super::{Agent, LastStep};
-use crate::control::Setpoint;
+use crate::setpoint::Setpoint;
 use crate::peers::PeerEstimate;
 use crate::plant::{Command, GroundTruth};
 

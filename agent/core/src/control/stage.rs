@@ -5,10 +5,11 @@ use alloc::boxed::Box;
 use skein_common::scenario::{ModelKind, Scenario};
 
 use super::{
-    CollectiveLimit, ControlFault, ControlOutput, Gains, Rules, Setpoint, Trim, VehicleController, VelocityController,
+    ControlFault, ControlOutput, Gains, Rules, Trim, VehicleController, VelocityController,
 };
 use crate::estimate::Estimate;
 use crate::plant::{Command, Controls};
+use crate::setpoint::{CollectiveLimit, Setpoint};
 
 /// The controller of a vehicle, of the kind that the scenario's `plant.model` needs.
 #[derive(Clone, Debug)]

@@ -3,9 +3,10 @@
 use nalgebra::Vector2;
 use serde::Deserialize;
 
-use super::{CollectiveLimit, Setpoint, climb_m_s};
+use super::climb_m_s;
 use crate::estimate::Estimate;
 use crate::plant::Controls;
+use crate::setpoint::{CollectiveLimit, Setpoint};
 
 /// Controls and attitude in a hover without wind: the `[trim]` table of an aircraft file, which has the angles in
 /// degrees.
@@ -83,8 +84,6 @@ impl TryFrom<TrimTable> for Trim {
 const TILT_GAIN: f64 = 0.01;
 /// Gain of the collective integral, 1/s per m/s.
 const COLLECTIVE_GAIN: f64 = 0.9 * TILT_GAIN;
-/// Velocity that the rules command per metre of error, 1/s. Multiplication by 0.5 is exact in floating point.
-pub(crate) const VELOCITY_PER_ERROR_PER_S: f64 = 0.5;
 /// Altitude error from which the rules command their fastest climb, m.
 pub(super) const FASTEST_CLIMB_ERROR_M: f64 = 5.0;
 /// Climb rate that the rules reach per metre of altitude error with the trim of a hover, 1/s. A climb needs more

@@ -6,9 +6,10 @@
 use nalgebra::Vector2;
 use skein_common::frame::wrap_rad;
 
-use super::{ControlFault, Setpoint, check, gate};
+use super::{ControlFault, check, gate};
 use crate::estimate::Estimate;
 use crate::plant::VelocityCommand;
+use crate::setpoint::Setpoint;
 
 /// Climb rate that is commanded per metre of altitude error, 1/s: that of the collective rules.
 const CLIMB_PER_ERROR_PER_S: f64 = 0.5;

@@ -3,7 +3,8 @@
 use nalgebra::Vector2;
 
 use super::{FitError, Found, Verdict};
-use crate::control::{Gains, Rules, Setpoint, Trim, VehicleController};
+use crate::control::{Gains, Rules, Trim, VehicleController};
+use crate::setpoint::Setpoint;
 use crate::estimate::Estimate;
 use crate::plant::Controls;
 

@@ -5,7 +5,7 @@ use skein_common::frame::HeadingFrame;
 
 use super::flying::Flying;
 use super::{Axis, FitError, Found, Mean, Responses, Verdict};
-use crate::control::VELOCITY_PER_ERROR_PER_S;
+use crate::setpoint::VELOCITY_PER_ERROR_PER_S;
 use crate::estimate::Estimate;
 use crate::plant::Controls;
 

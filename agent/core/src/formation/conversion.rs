@@ -4,7 +4,7 @@
 
 use nalgebra::Vector2;
 
-use crate::control::VELOCITY_PER_ERROR_PER_S;
+use crate::setpoint::VELOCITY_PER_ERROR_PER_S;
 
 /// Conversion from the length of the field to metres. The direction never changes.
 #[derive(Clone, Copy, Debug, PartialEq)]

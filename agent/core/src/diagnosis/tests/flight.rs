@@ -8,7 +8,8 @@ use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
-use crate::control::{Rules, Setpoint, VELOCITY_PER_ERROR_PER_S, VehicleController};
+use crate::control::{Rules, VehicleController};
+use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::helicopter::{BuiltInVehicle, Failures, Start, TICK_S, Weather};
