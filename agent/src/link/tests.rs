@@ -125,9 +125,9 @@ fn two_agents_receive_each_others_messages_and_not_their_own() {
         },
         |received| message(received, |message| matches!(message, PeerMessage::State(_))),
     );
-    assert!(
-        matches!(received.message, PeerMessage::State(content) if content == ReceivedState::new(state(2, 1), &origin()))
-    );
+    // On a busy PC a later state has taken the place of the first.
+    let is_sent = |content: ReceivedState| content == ReceivedState::new(state(2, content.header.sequence), &origin());
+    assert!(matches!(received.message, PeerMessage::State(content) if is_sent(content)));
     assert!(LocalTime::ZERO < received.at && received.at <= clock.now());
 
     let mission = mission(1, 1);
