@@ -28,10 +28,10 @@ use skein_core::formation::Workspace;
 use skein_core::helicopter::Start;
 use skein_core::outbox::Outbox;
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
-use skein_core::plant::{Command, Controls, Frame, GroundTruth};
+use skein_core::plant::{Command, Controls, Frame, GroundTruth, PlantStatus};
 use skein_core::random::{self, Purpose};
 use skein_core::start::starts;
-use skein_core::station::{Clocks, InPlace, Station};
+use skein_core::station::{Clocks, Entering, Station};
 use skein_lab::metrics::{Metrics, Report, Run, VehicleNow, Wall};
 
 use crate::{in_parallel, median_and_worst, scenario};
@@ -331,12 +331,14 @@ impl Swarm {
         vehicle.steps += 1;
         vehicle.plant_time = frame.map_or(vehicle.plant_time, |frame| frame.time);
         let plant = (vehicle.plant_time, frame.as_ref().map(|frame| &frame.measurement));
-        vehicle.station.simulator_stands_still(vehicle.client.standstill(instant));
-        vehicle.station.simulator_has(vehicle.client.faults());
-        vehicle.station.controls_are(vehicle.client.controls(instant));
-        vehicle.station.pilot_takes_over(vehicle.client.pilot_takes_over(instant));
         let by_pilot = vehicle.client.controls(instant);
-        let outputs = vehicle.station.step(now, plant, false, InPlace::default(), &mut self.workspace);
+        let status = PlantStatus {
+            standstill: vehicle.client.standstill(instant),
+            faults: vehicle.client.faults().to_vec(),
+            controls: by_pilot,
+            pilot_takes_over: vehicle.client.pilot_takes_over(instant),
+        };
+        let outputs = vehicle.station.step(&Entering::of_plant(now, plant, &status), &mut self.workspace);
         if let Some(command) = outputs.command {
             // The first command after a pilot's controls is compared with these.
             let (before, is_next) = match vehicle.command.replace(command) {

@@ -39,7 +39,7 @@ use crate::mission::{Mission, Task, View};
 use crate::outbox::{Outbox, PeersReport, SendSchedule};
 use crate::pace::Pace;
 use crate::peers::{Broadcast, Change, PeerEstimate, PeerStateAge, Peers, Received};
-use crate::plant::{Command, Controls, Measurement, PeerPose};
+use crate::plant::{Command, Measurement, PeerPose, PlantStatus};
 use crate::random::{self, Purpose};
 use crate::strangers::{Strangers, StrangersReceived};
 use crate::tuning::Tuning;
@@ -48,6 +48,10 @@ use steady_clock::SteadyClock;
 /// The inputs since the last step.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
+    /// Time for which this agent did not run before this step because its computer is overloaded, s, if it was late.
+    pub did_not_run_s: Option<f64>,
+    /// What the plant reports beside its frames.
+    pub status: &'a PlantStatus,
     /// Measurement of the plant's new frame; `None` if none arrived in time.
     pub measurement: Option<&'a Measurement>,
     /// Messages received from peers and operators, in any order.
@@ -92,14 +96,6 @@ pub struct Agent {
     schedule: SendSchedule,
     clock: SteadyClock,
     pace: Pace,
-    /// Why the simulator does not simulate the flight, if it does not.
-    standstill: Option<Standstill>,
-    /// Faults of the simulator's set-up, and those that have not been reported yet.
-    simulator_faults: Vec<SimulatorFault>,
-    new_faults: Vec<SimulatorFault>,
-    /// Present positions of the controls, if the plant reports them.
-    controls: Option<Controls>,
-    pilot_takes_over: bool,
     last: LastStep,
 }
 
@@ -125,6 +121,7 @@ struct LastStep {
     /// The missing data or peers as last reported.
     missing: Option<Condition>,
     standstill: Option<Standstill>,
+    simulator_faults: Vec<SimulatorFault>,
     membership: Membership,
     activity: Activity,
     is_released: bool,
@@ -167,14 +164,10 @@ impl Agent {
             schedule: SendSchedule::new(own, incarnation, &origin, &scenario.network),
             clock: SteadyClock::default(),
             pace: Pace::new(scenario.plant.min_frame_rate_hz),
-            standstill: None,
-            simulator_faults: Vec::new(),
-            new_faults: Vec::new(),
-            controls: None,
-            pilot_takes_over: false,
             last: LastStep {
                 missing: Some(Condition::SimulatorLost),
                 standstill: None,
+                simulator_faults: Vec::new(),
                 membership: Membership::Joining,
                 activity: Activity::Joining,
                 is_released: false,
@@ -195,9 +188,9 @@ impl Agent {
         let (task, mut events) = self.decide(&own, failure, conditions, inputs);
         self.tune(&own, &mut events);
         let output = self.compute_formation(&own, task.as_ref(), inputs, workspace);
-        let command = self.control(&own, conditions, task.as_ref(), output.as_ref(), &mut events);
+        let command = self.control(&own, (conditions, inputs), task.as_ref(), output.as_ref(), &mut events);
         let ask = self.formation.take_query(&mut events);
-        let outbox = self.send(&own, conditions, events);
+        let outbox = self.send(&own, inputs.status, conditions, events);
         Outputs { command, outbox, ask }
     }
 
@@ -328,38 +321,6 @@ impl Agent {
         failures
     }
 
-    /// Reports before the next step that this agent did not run for `for_s`, because its computer is overloaded.
-    pub fn did_not_run(&mut self, for_s: f64) {
-        self.peers.did_not_run(for_s);
-    }
-
-    /// Reports before the next step why the simulator does not simulate the flight, if it does not. It holds until the next
-    /// report.
-    pub fn simulator_stands_still(&mut self, why: Option<Standstill>) {
-        self.standstill = why;
-    }
-
-    /// Reports before the next step the faults of the simulator's set-up. They hold until the next report.
-    pub fn simulator_has(&mut self, faults: &[SimulatorFault]) {
-        if self.simulator_faults != faults {
-            let is_new = |fault: &&SimulatorFault| !self.simulator_faults.contains(fault);
-            self.new_faults.extend(faults.iter().filter(is_new));
-            self.simulator_faults = faults.to_vec();
-        }
-    }
-
-    /// Reports before the next step the present positions of the controls, if the plant reports them. They hold until the
-    /// next report.
-    pub fn controls_are(&mut self, controls: Option<Controls>) {
-        self.controls = controls;
-    }
-
-    /// Reports before the next step whether a human pilot takes the controls by moving the stick. It holds until the next
-    /// report. The vehicle is then released as by an order, until an order that names it takes the controls back.
-    pub fn pilot_takes_over(&mut self, takes_over: bool) {
-        self.pilot_takes_over = takes_over;
-    }
-
     /// The orders that this agent knows.
     pub fn orders(&self) -> &StandingOrders {
         self.mission.orders()
@@ -393,12 +354,12 @@ impl Agent {
             self.estimator.dead_reckon();
         }
         // What a simulator shows that does not simulate the flight is not the vehicle's state.
-        let measurement = inputs.measurement.filter(|_| self.standstill.is_none());
+        let measurement = inputs.measurement.filter(|_| inputs.status.standstill.is_none());
         let estimate = self.estimator.update(now, measurement);
         let new = estimate.filter(|_| self.estimator.is_new());
         let before = if new.is_some() { self.last.plant_time.replace(now.plant) } else { None };
         let dt_s = before.map_or(0.0, |before| now.plant.seconds_since(before));
-        let condition = match self.standstill {
+        let condition = match inputs.status.standstill {
             Some(_) => Some(Condition::SimulatorStopped),
             None => Condition::of_own_data(self.estimator.age_s(now.local), new.is_some()),
         };
@@ -419,6 +380,9 @@ impl Agent {
 
     /// The peers stage: updates the peers and returns all conditions so far.
     fn update_peers(&mut self, own: &OwnEstimate, inputs: &Inputs<'_>) -> Conditions {
+        if let Some(for_s) = inputs.did_not_run_s {
+            self.peers.did_not_run(for_s);
+        }
         self.peers.update(own.now.local, inputs.received, inputs.broadcast);
         self.strangers.update(own.now.local, inputs.strangers);
         if let Some(intents) = &mut self.intents {
@@ -459,7 +423,7 @@ impl Agent {
             collective_limit: self.controller.collective_limit(),
             in_place: output.is_some_and(|output| output.in_place),
             frames_are_too_few: self.pace.is_too_slow(),
-            pilot_takes_over: self.pilot_takes_over,
+            pilot_takes_over: inputs.status.pilot_takes_over,
             flies_above: self.peers.flies_above(),
             conditions,
         };
@@ -521,7 +485,7 @@ impl Agent {
     fn control(
         &mut self,
         own: &OwnEstimate,
-        conditions: Conditions,
+        (conditions, inputs): (Conditions, &Inputs<'_>),
         task: Option<&Task>,
         output: Option<&FormationOutput>,
         events: &mut Vec<EventKind>,
@@ -533,7 +497,7 @@ impl Agent {
             return is_neutral.then(|| self.controller.neutral());
         };
         if was_released && *task != Task::Release {
-            self.controller.take_over(self.controls);
+            self.controller.take_over(inputs.status.controls);
         }
         let output = match (task, output) {
             (Task::Release, _) => Some(Command::Release.into()),
@@ -552,8 +516,14 @@ impl Agent {
     }
 
     /// The outbox stage: the messages of this step.
-    fn send(&mut self, own: &OwnEstimate, conditions: Conditions, mut events: Vec<EventKind>) -> Outbox {
-        self.report_changes(conditions, own.estimate, &mut events);
+    fn send(
+        &mut self,
+        own: &OwnEstimate,
+        status: &PlantStatus,
+        conditions: Conditions,
+        mut events: Vec<EventKind>,
+    ) -> Outbox {
+        self.report_changes(status, conditions, own.estimate, &mut events);
         let estimate = match conditions.response() {
             Response::Neutral => None,
             // A stopped simulator has left its vehicle where it was.
@@ -573,15 +543,25 @@ impl Agent {
     }
 
     /// Compares with the last step and reports the changes.
-    fn report_changes(&mut self, conditions: Conditions, estimate: Option<Estimate>, events: &mut Vec<EventKind>) {
+    fn report_changes(
+        &mut self,
+        status: &PlantStatus,
+        conditions: Conditions,
+        estimate: Option<Estimate>,
+        events: &mut Vec<EventKind>,
+    ) {
         const MISSING: [Condition; 4] =
             [Condition::SimulatorStopped, Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
         const BLIND: [Condition; 3] = [Condition::SimulatorStopped, Condition::SimulatorLost, Condition::OwnDataStale];
         let is_blind = |missing: Option<Condition>| missing.is_some_and(|missing| BLIND.contains(&missing));
-        if self.standstill != self.last.standstill {
-            events.extend(self.standstill.map(EventKind::SimulatorStopped));
+        if status.standstill != self.last.standstill {
+            events.extend(status.standstill.map(EventKind::SimulatorStopped));
         }
-        events.extend(self.new_faults.drain(..).map(EventKind::SimulatorFault));
+        if status.faults != self.last.simulator_faults {
+            let is_new = |fault: &&SimulatorFault| !self.last.simulator_faults.contains(fault);
+            events.extend(status.faults.iter().filter(is_new).copied().map(EventKind::SimulatorFault));
+            self.last.simulator_faults.clone_from(&status.faults);
+        }
         let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
         let was_blind = is_blind(self.last.missing);
         if missing != self.last.missing {
@@ -611,7 +591,7 @@ impl Agent {
         // The estimate of the last step was needed up to here: the first data ever are not reported as back.
         self.last.estimate = estimate;
         self.last.missing = missing;
-        self.last.standstill = self.standstill;
+        self.last.standstill = status.standstill;
         self.last.membership = membership;
         self.last.is_released = is_released;
         self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };

@@ -3,6 +3,7 @@
 //! A plant delivers one [`Frame`] at a time and takes [`Command`]s. Degrees, feet, knots and a simulator's own axes are
 //! converted inside the module of that plant.
 
+use alloc::vec::Vec;
 use core::time::Duration;
 
 use nalgebra::Vector2;
@@ -137,6 +138,26 @@ pub struct Frame {
     pub measurement: Measurement,
     /// The true state.
     pub truth: GroundTruth,
+}
+
+/// What a plant reports beside its frames, with a frame or without one.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PlantStatus {
+    /// Why the simulator does not simulate the flight, if it does not. A plant that cannot stand still never says so.
+    pub standstill: Option<Standstill>,
+    /// Faults of the simulator's set-up, as found at its last start; most plants have none.
+    pub faults: Vec<SimulatorFault>,
+    /// Present positions of the controls, as the pilot or the agent has set them, if the plant reports them. The agent begins
+    /// with them when it takes the controls back from a human pilot.
+    pub controls: Option<Controls>,
+    /// Whether a human pilot has moved the stick so far that the scenario gives the pilot the controls. The vehicle is then
+    /// released as by an order, until an order that names it takes the controls back.
+    pub pilot_takes_over: bool,
+}
+
+impl PlantStatus {
+    /// The status of a plant that reports nothing.
+    pub const NOTHING: Self = Self { standstill: None, faults: Vec::new(), controls: None, pilot_takes_over: false };
 }
 
 /// Why a plant woke its agent.

@@ -14,7 +14,7 @@ use alloc::vec::Vec;
 
 use serde::{Deserialize, Serialize};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Header, SimulatorFault, Standstill, Summary, Trace};
+use skein_common::message::{Header, Summary, Trace};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -27,7 +27,7 @@ use crate::formation::{UnsupportedScenario, Workspace};
 use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition, StrangerImpairments};
 use crate::intent::ReceivedIntent;
 use crate::peers::{Broadcast, Received};
-use crate::plant::{Controls, GroundTruth, Measurement};
+use crate::plant::{GroundTruth, Measurement, PlantStatus};
 use crate::sensors::Sensors;
 use crate::skew::Skew;
 use crate::strangers::{StrangerState, StrangersReceived};
@@ -74,15 +74,51 @@ impl Clocks {
     }
 }
 
-/// What an agent takes where it lies in the frame in which it arrives, so that it is not copied for each vehicle.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct InPlace<'a> {
+/// What enters a station in one step beside what [`Station::receive`] has taken. What it refers to is not copied for each
+/// vehicle.
+#[derive(Clone, Copy, Debug)]
+pub struct Entering<'a> {
+    /// The correct time.
+    pub right: LocalTime,
+    /// Time for which the PC did not run this agent before this step, s, if it was late.
+    pub did_not_run_s: Option<f64>,
+    /// What the plant reports beside its frames.
+    pub status: &'a PlantStatus,
+    /// Time of the newest frame.
+    pub plant_time: PlantTime,
+    /// The exact measurement of a new frame, `None` if none arrived in time: the scenario's sensors decide what the agent gets
+    /// of it.
+    pub measurement: Option<&'a Measurement>,
+    /// Whether this vehicle has to land and to leave the swarm.
+    pub leave: bool,
     /// Messages to all vehicles of the swarm.
     pub broadcast: Broadcast<'a>,
     /// States of other teams.
     pub strangers: &'a [StrangerState],
     /// Reply of an external law to the last query.
     pub answer: Option<&'a LawReply>,
+}
+
+impl<'a> Entering<'a> {
+    /// What enters when the plant with this status has the newest frame of this time: no messages, and neither a law's
+    /// reply nor a reason to leave.
+    pub fn of_plant(
+        right: LocalTime,
+        (plant_time, measurement): (PlantTime, Option<&'a Measurement>),
+        status: &'a PlantStatus,
+    ) -> Self {
+        Self {
+            right,
+            did_not_run_s: None,
+            status,
+            plant_time,
+            measurement,
+            leave: false,
+            broadcast: Broadcast::default(),
+            strangers: &[],
+            answer: None,
+        }
+    }
 }
 
 /// Everything that enters a station in one step of real time. Two new stations of the same vehicle that get the same inputs,
@@ -99,14 +135,8 @@ pub struct StepInputs {
     pub strangers: Vec<StrangerState>,
     /// Intents of other teams that arrived since the last step.
     pub intents: Vec<ReceivedIntent>,
-    /// Why the simulator does not simulate the flight, if it does not.
-    pub standstill: Option<Standstill>,
-    /// The faults of the simulator's set-up.
-    pub simulator_faults: Vec<SimulatorFault>,
-    /// Present positions of the controls, if the plant reports them.
-    pub controls: Option<Controls>,
-    /// Whether a human pilot takes the controls by moving the stick.
-    pub pilot_takes_over: bool,
+    /// What the plant reports beside its frames.
+    pub status: PlantStatus,
     /// Time of the newest frame.
     pub plant_time: PlantTime,
     /// The exact measurement of a new frame; `None` if none arrived in time.
@@ -203,29 +233,22 @@ impl Station {
         self.stranger_impairments.as_ref().is_some_and(|impairments| impairments.is_perfect())
     }
 
-    /// Steps the agent at this correct time. `measurement` is the exact one of a new frame, `None` if none arrived in
-    /// time: the scenario's sensors decide what the agent gets of it. `plant_time` is the time of the newest frame.
-    /// `leave` makes this vehicle land and leave the swarm.
-    pub fn step(
-        &mut self,
-        right: LocalTime,
-        (plant_time, measurement): (PlantTime, Option<&Measurement>),
-        leave: bool,
-        in_place: InPlace<'_>,
-        workspace: &mut Workspace,
-    ) -> Outputs {
+    /// Steps the agent with these inputs and all that the impairments have let pass.
+    pub fn step(&mut self, entering: &Entering<'_>, workspace: &mut Workspace) -> Outputs {
+        let Entering { right, did_not_run_s, status, plant_time, leave, broadcast, answer, .. } = *entering;
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let measured;
-        let measurement = match (&mut self.sensors, measurement) {
+        let measurement = match (&mut self.sensors, entering.measurement) {
             (Some(sensors), Some(exact)) => {
                 measured = sensors.measure(plant_time, exact);
                 measured.as_ref()
             }
             (_, measurement) => measurement,
         };
-        let strangers = StrangersReceived { stamped: &self.strangers, now: in_place.strangers };
-        let (received, intents, InPlace { broadcast, answer, .. }) = (&*self.received, &*self.intents, in_place);
-        let inputs = Inputs { measurement, received, broadcast, strangers, intents, leave, answer };
+        let strangers = StrangersReceived { stamped: &self.strangers, now: entering.strangers };
+        let (received, intents) = (&*self.received, &*self.intents);
+        let inputs =
+            Inputs { did_not_run_s, status, measurement, received, broadcast, strangers, intents, leave, answer };
         let outputs = self.agent.step(now, &inputs, workspace);
         self.received.clear();
         self.strangers.clear();
@@ -239,18 +262,17 @@ impl Station {
     /// Receives and steps with these inputs. The lists of what arrived are empty afterwards.
     pub fn step_with(&mut self, inputs: &mut StepInputs, workspace: &mut Workspace) -> Outputs {
         let right = inputs.right;
-        if let Some(late_s) = inputs.did_not_run_s {
-            self.did_not_run(late_s);
-        }
         self.receive(right, inputs.received.drain(..));
         self.receive_strangers(right, inputs.strangers.drain(..));
         self.receive_intents(right, inputs.intents.drain(..));
-        self.simulator_stands_still(inputs.standstill);
-        self.simulator_has(&inputs.simulator_faults);
-        self.controls_are(inputs.controls);
-        self.pilot_takes_over(inputs.pilot_takes_over);
-        let in_place = InPlace { answer: inputs.answer.as_ref(), ..InPlace::default() };
-        self.step(right, (inputs.plant_time, inputs.measurement.as_ref()), inputs.leave, in_place, workspace)
+        let plant = (inputs.plant_time, inputs.measurement.as_ref());
+        let entering = Entering {
+            did_not_run_s: inputs.did_not_run_s,
+            leave: inputs.leave,
+            answer: inputs.answer.as_ref(),
+            ..Entering::of_plant(right, plant, &inputs.status)
+        };
+        self.step(&entering, workspace)
     }
 
     /// The record of the last step. It lacks the figures known only in real time: the step's duration and the missed
@@ -282,34 +304,6 @@ impl Station {
     /// Makes the vehicle's clock jump forward by `by_s`, or back if it is negative.
     pub fn clock_jumps(&mut self, by_s: f64) {
         self.clocks.jump(by_s);
-    }
-
-    /// Reports before the next step that the PC did not run this agent for `for_s`.
-    pub fn did_not_run(&mut self, for_s: f64) {
-        self.agent.did_not_run(for_s);
-    }
-
-    /// Reports before the next step why the simulator does not simulate the flight, if it does not. It holds until the next
-    /// report.
-    pub fn simulator_stands_still(&mut self, why: Option<Standstill>) {
-        self.agent.simulator_stands_still(why);
-    }
-
-    /// Reports before the next step the faults of the simulator's set-up. They hold until the next report.
-    pub fn simulator_has(&mut self, faults: &[SimulatorFault]) {
-        self.agent.simulator_has(faults);
-    }
-
-    /// Reports before the next step the present positions of the controls, if the plant reports them. They hold until the
-    /// next report.
-    pub fn controls_are(&mut self, controls: Option<Controls>) {
-        self.agent.controls_are(controls);
-    }
-
-    /// Reports before the next step whether a human pilot takes the controls by moving the stick. It holds until the next
-    /// report.
-    pub fn pilot_takes_over(&mut self, takes_over: bool) {
-        self.agent.pilot_takes_over(takes_over);
     }
 
     /// Counts of all messages by their delivery; `None` if the scenario has no impairments.

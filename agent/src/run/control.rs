@@ -211,12 +211,12 @@ impl Control {
         if self.neighbourhood.is_some() {
             self.link.drain_strangers(&mut inputs.strangers, &mut inputs.intents);
         }
-        inputs.standstill = self.plant.standstill();
-        if self.plant.faults() != inputs.simulator_faults {
-            inputs.simulator_faults = self.plant.faults().to_vec();
+        inputs.status.standstill = self.plant.standstill();
+        if self.plant.faults() != inputs.status.faults {
+            inputs.status.faults = self.plant.faults().to_vec();
         }
-        inputs.controls = self.plant.controls();
-        inputs.pilot_takes_over = self.plant.pilot_takes_over();
+        inputs.status.controls = self.plant.controls();
+        inputs.status.pilot_takes_over = self.plant.pilot_takes_over();
         inputs.plant_time = frame.map_or(inputs.plant_time, |frame| frame.time);
         inputs.measurement = frame.map(|frame| frame.measurement);
         inputs.leave = self.stop.is_requested();

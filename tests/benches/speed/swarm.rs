@@ -9,9 +9,9 @@ use skein_core::builtin::BuiltInPlant;
 use skein_core::formation::Workspace;
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
 use skein_core::peers::{Broadcast, PeerMessage, ReceivedState, SharedRecords};
-use skein_core::plant::{Command, Controls, Measurement};
+use skein_core::plant::{Command, Controls, Measurement, PlantStatus};
 use skein_core::start::starts;
-use skein_core::station::{Clocks, InPlace, Station};
+use skein_core::station::{Clocks, Entering, Station};
 use skein_lab::study::Study;
 use skein_lab::world::{Blocks, World};
 
@@ -88,15 +88,12 @@ impl Swarm {
         let mut plant = Default::default();
         self.records.update(local, &received);
         let broadcast = Broadcast { messages: &received, records: Some(&self.records) };
+        let nothing = PlantStatus::NOTHING;
         for (station, vehicle) in self.stations.iter_mut().zip(&self.plants) {
             let frame = vehicle.frame();
-            let outputs = station.step(
-                local,
-                (frame.time, Some(&frame.measurement)),
-                false,
-                InPlace { broadcast, ..InPlace::default() },
-                &mut self.workspace,
-            );
+            let newest = (frame.time, Some(&frame.measurement));
+            let entering = Entering { broadcast, ..Entering::of_plant(local, newest, &nothing) };
+            let outputs = station.step(&entering, &mut self.workspace);
             plant = frame.time;
             measurements.push(frame.measurement);
             commands.push(outputs.command);

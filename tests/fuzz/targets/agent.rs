@@ -18,7 +18,7 @@ use skein_core::formation::external::{LawReply, ReplyCommand};
 use skein_core::intent::ReceivedIntent;
 use skein_core::mission::agreement::{Agreement, AgreementState, OtherStates};
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState};
-use skein_core::plant::{Command, GroundTruth, Measurement};
+use skein_core::plant::{Command, GroundTruth, Measurement, PlantStatus};
 use skein_core::strangers::{StrangerState, StrangersReceived};
 use skein_fuzz::explore;
 use skein_tests::SHIPPED;
@@ -87,10 +87,6 @@ impl Flight {
     fn step(&mut self, step: &Step) {
         self.now.local = self.now.local.plus_seconds(step.local_s);
         self.now.plant = self.now.plant.plus_seconds(step.plant_s);
-        self.agent.simulator_stands_still(step.standstill);
-        if let Some(for_s) = step.did_not_run_s {
-            self.agent.did_not_run(for_s);
-        }
         let at = |early_s: f64| self.now.local.plus_seconds(-early_s);
         let received: Vec<_> =
             step.received.iter().map(|(message, early_s)| Received { message: *message, at: at(*early_s) }).collect();
@@ -98,7 +94,10 @@ impl Flight {
         let intents: Vec<_> = step.intents.iter().map(arrived).collect();
         let strangers = step.strangers.iter().map(|(state, early_s)| StrangerState { at: at(*early_s), ..*state });
         let (stamped, just_now): (Vec<_>, Vec<_>) = strangers.partition(|state| state.at < at(0.5));
+        let status = PlantStatus { standstill: step.standstill, ..PlantStatus::NOTHING };
         let inputs = Inputs {
+            did_not_run_s: step.did_not_run_s,
+            status: &status,
             measurement: step.measurement.as_ref(),
             received: &received,
             broadcast: Broadcast::default(),

@@ -12,7 +12,7 @@ use skein_core::control::Rules;
 use skein_core::formation::Workspace;
 use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
 use skein_core::peers::Broadcast;
-use skein_core::plant::{Command, Measurement};
+use skein_core::plant::{Command, Measurement, PlantStatus};
 use skein_core::strangers::StrangersReceived;
 use skein_lab::metrics::{Report, Run};
 use skein_lab::recording::{Recording, Step};
@@ -126,6 +126,8 @@ fn a_vehicle_climbs_over_a_hill_on_its_path_and_returns_to_its_altitude() {
         let measurement = Measurement { height_m, ..frame.measurement };
         let now = Now { plant: frame.time, local: LocalTime::from_seconds(frame.time.seconds()) };
         let inputs = Inputs {
+            did_not_run_s: None,
+            status: &PlantStatus::NOTHING,
             measurement: Some(&measurement),
             received: &[],
             broadcast: Broadcast::default(),

@@ -7,7 +7,7 @@ use skein_common::time::LocalTime;
 
 use super::*;
 use crate::peers::PeerMessage;
-use crate::plant::{GroundTruth, VelocityCommand};
+use crate::plant::{Controls, GroundTruth, VelocityCommand};
 use crate::testing::{header, heartbeat, id, received_state};
 
 mod suspended;
@@ -36,6 +36,7 @@ fn measured(altitude_m: f64) -> Measurement {
 /// An agent in flight, with its clocks.
 struct Flight {
     agent: Agent,
+    status: PlantStatus,
     plant_s: f64,
     local_s: f64,
 }
@@ -43,7 +44,7 @@ struct Flight {
 impl Flight {
     /// An active agent at 30 m.
     fn new(scenario: &Scenario) -> Self {
-        let mut flight = Self { agent: agent(scenario), plant_s: 0.0, local_s: 0.0 };
+        let mut flight = Self { agent: agent(scenario), status: PlantStatus::NOTHING, plant_s: 0.0, local_s: 0.0 };
         for _ in 0..=110 {
             flight.frame(Some(&measured(30.0)), &[]);
         }
@@ -62,6 +63,8 @@ impl Flight {
         self.agent.step(
             now,
             &Inputs {
+                did_not_run_s: None,
+                status: &self.status,
                 measurement,
                 received: &received,
                 broadcast: Broadcast::default(),
@@ -97,7 +100,7 @@ fn state_of(sender: u8, sequence: u64, north_m: f64) -> PeerMessage {
 
 #[test]
 fn no_controls_are_written_before_the_agent_is_active() {
-    let mut flight = Flight { agent: agent(&scenario(&[])), plant_s: 0.0, local_s: 0.0 };
+    let mut flight = Flight { agent: agent(&scenario(&[])), status: PlantStatus::NOTHING, plant_s: 0.0, local_s: 0.0 };
     let mut first_command_s = None;
     let mut active_s = None;
     let mut happened = Vec::new();
@@ -292,7 +295,7 @@ fn a_released_vehicle_gets_no_controls_and_is_taken_back_without_a_step_of_the_c
     assert!(followed.iter().any(|outputs| outputs.outbox.state.is_some()), "its peers know where it is");
     // Small ones: a vehicle that does not move under large ones would have a stuck servo.
     let by_pilot = Controls { roll: 0.02, pitch: -0.03, yaw: 0.0, collective: 0.9 };
-    flight.agent.controls_are(Some(by_pilot));
+    flight.status.controls = Some(by_pilot);
     let taken = flight.frame(Some(&measured(40.0)), &[order(2, Verb::Goto(0))]);
     assert!(taken.outbox.happened.contains(&EventKind::ControlsTakenBack), "{:?}", taken.outbox.happened);
     let mut before = taken.command.and_then(Command::controls).unwrap();

@@ -17,8 +17,8 @@ use skein_core::helicopter::Script;
 use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, Received};
 use skein_core::pilot::SimulatedPilot;
-use skein_core::plant::{Command, Controls, Frame, GroundTruth, Measurement};
-use skein_core::station::{Clocks, InPlace, Station};
+use skein_core::plant::{Command, Controls, Frame, GroundTruth, Measurement, PlantStatus};
+use skein_core::station::{Clocks, Entering, Station};
 use skein_core::strangers::StrangerState;
 
 use super::script::{self, ScriptedAction};
@@ -176,13 +176,14 @@ impl Vehicle {
         workspace: &mut Workspace,
     ) -> Option<Outputs> {
         let station = self.station.as_mut()?;
-        station.controls_are(self.moved_by.and_then(Command::controls));
+        let status = PlantStatus { controls: self.moved_by.and_then(Command::controls), ..PlantStatus::NOTHING };
         let (answer, refusal) = (self.answer.take(), self.refusals.pop_front());
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
         let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());
         let strangers = group.map_or(&[][..], Vec::as_slice);
-        let in_place = InPlace { broadcast, strangers, answer: answer.as_ref() };
-        let mut outputs = station.step(now, plant, false, in_place, workspace);
+        let answer = answer.as_ref();
+        let entering = Entering { broadcast, strangers, answer, ..Entering::of_plant(now, plant, &status) };
+        let mut outputs = station.step(&entering, workspace);
         outputs.outbox.happened.extend(refusal.map(EventKind::LawAnswerRefused));
         Some(outputs)
     }
