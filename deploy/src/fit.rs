@@ -10,7 +10,7 @@ use skein_core::aircraft::Profile;
 use skein_core::control::Rules;
 use skein_core::fit::{Fit, Fitted, Rung};
 use skein_core::helicopter::TICK_S;
-use skein_core::plant::{Command, Plant, Wake};
+use skein_core::plant::{Command, Plant};
 use skein_host::{clock, files};
 use skein_lab::error::Error;
 use skein_lab::out;
@@ -93,7 +93,7 @@ fn fly(address: &str, profile: &Profile, interrupts: &Interrupts) -> Result<(Fit
         if interrupts.count() > 0 {
             fit.stop();
         }
-        let Wake::Frame(frame) = link.wait(ATTEMPT) else {
+        let Some(frame) = link.wait(ATTEMPT).frame else {
             if link.client().is_paused() {
                 heard = clock::now();
             }

@@ -28,7 +28,7 @@ use skein_core::formation::Workspace;
 use skein_core::helicopter::Start;
 use skein_core::outbox::Outbox;
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
-use skein_core::plant::{Command, Controls, Frame, GroundTruth, PlantStatus};
+use skein_core::plant::{Command, Controls, Frame, GroundTruth};
 use skein_core::random::{self, Purpose};
 use skein_core::start::starts;
 use skein_core::station::{Clocks, Entering, Station};
@@ -331,18 +331,12 @@ impl Swarm {
         vehicle.steps += 1;
         vehicle.plant_time = frame.map_or(vehicle.plant_time, |frame| frame.time);
         let plant = (vehicle.plant_time, frame.as_ref().map(|frame| &frame.measurement));
-        let by_pilot = vehicle.client.controls(instant);
-        let status = PlantStatus {
-            standstill: vehicle.client.standstill(instant),
-            faults: vehicle.client.faults().to_vec(),
-            controls: by_pilot,
-            pilot_takes_over: vehicle.client.pilot_takes_over(instant),
-        };
+        let status = vehicle.client.status(instant);
         let outputs = vehicle.station.step(&Entering::of_plant(now, plant, &status), &mut self.workspace);
         if let Some(command) = outputs.command {
             // The first command after a pilot's controls is compared with these.
             let (before, is_next) = match vehicle.command.replace(command) {
-                Some(Command::Release) => (by_pilot, true),
+                Some(Command::Release) => (status.controls, true),
                 before => {
                     let is_next = vehicle.commanded.is_some_and(|at| now.seconds_since(at) < 0.1);
                     (before.and_then(Command::controls), is_next)

@@ -303,7 +303,7 @@ impl World {
         if computer.is_suspended {
             return;
         }
-        let wake = computer.next_frame().map_or(Wake::Deadline, Wake::Frame);
+        let wake = Wake { frame: computer.next_frame(), ..Wake::default() };
         let (now, publisher_is_blocked) = (computer.now(zero, t_ns), computer.publisher_is_blocked);
         let Some(process) = computer.process.as_mut().filter(|process| !process.is_stopped && !process.control_hangs)
         else {
@@ -311,7 +311,7 @@ impl World {
         };
         let is_traced = self.plan.traced_s[0] < t_s && t_s < self.plan.traced_s[1];
         process.agent.set_traced(is_traced);
-        let step = process.agent.step(&wake, now);
+        let step = process.agent.step(wake, now);
         for peer in self.rules.check_step(t_s, id, &process.agent, &step.outputs).iter() {
             self.silent_since.remove(&(id, peer));
         }

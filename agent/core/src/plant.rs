@@ -160,14 +160,13 @@ impl PlantStatus {
     pub const NOTHING: Self = Self { standstill: None, faults: Vec::new(), controls: None, pilot_takes_over: false };
 }
 
-/// Why a plant woke its agent.
-#[expect(clippy::large_enum_variant, reason = "lives for one step, and a box would be allocated every frame")]
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Wake {
-    /// A new frame.
-    Frame(Frame),
-    /// The deadline passed without one.
-    Deadline,
+/// What a plant delivers when it wakes its agent.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Wake {
+    /// The new frame; `None` if the deadline passed without one.
+    pub frame: Option<Frame>,
+    /// What the plant reports beside its frames.
+    pub status: PlantStatus,
 }
 
 /// Pose of a peer, for a simulator that draws it.
@@ -186,7 +185,7 @@ pub struct PeerPose {
 /// A vehicle in real time. Only the control thread uses it.
 pub trait Plant: Send {
     /// Blocks until the simulator's next frame or until the timeout. Faults of the link (garbage, a simulator that has
-    /// gone) are counted and end as [`Wake::Deadline`], never as a panic.
+    /// gone) are counted and end as a [`Wake`] without a frame, never as a panic.
     fn wait(&mut self, timeout: Duration) -> Wake;
 
     /// Sets the command; called at most once per frame, never blocks. A command for another kind of vehicle is ignored.
@@ -206,27 +205,6 @@ pub trait Plant: Send {
 
     /// Number of datagrams that were dropped because their sender is not the simulator.
     fn foreign(&self) -> u64;
-
-    /// Present positions of the controls, as the pilot or the agent has set them; `None` if the plant does not report them. The agent begins with
-    /// them when it takes the controls back from a human pilot.
-    fn controls(&mut self) -> Option<Controls> {
-        None
-    }
-
-    /// Whether a human pilot has moved the stick so far that the scenario gives the pilot the controls.
-    fn pilot_takes_over(&mut self) -> bool {
-        false
-    }
-
-    /// Why the simulator does not simulate the flight now, if it says so. A plant that cannot stand still never does.
-    fn standstill(&mut self) -> Option<Standstill> {
-        None
-    }
-
-    /// Faults of the simulator's set-up, as found at its last start; most plants have none.
-    fn faults(&self) -> &[SimulatorFault] {
-        &[]
-    }
 
     /// Whether the simulator draws peers.
     fn shows_peers(&self) -> bool {

@@ -6,7 +6,7 @@ use skein_core::builtin::BuiltInPlant;
 use skein_core::helicopter::failures::ActiveFaults;
 use skein_core::helicopter::{Script, TICK_S};
 use skein_core::pilot::SimulatedPilot;
-use skein_core::plant::{Command, Controls, Plant, Wake};
+use skein_core::plant::{Command, Frame, Plant, PlantStatus, Wake};
 use skein_host::clock::{now, sleep_until};
 
 /// A vehicle that advances one tick of 20 ms at each deadline of a fixed grid.
@@ -46,22 +46,20 @@ impl BuiltIn {
         let since = |(at, flown_s)| self.script.at(flown_s + now().saturating_duration_since(at).as_secs_f64());
         self.script_since.map(since).unwrap_or_default()
     }
-}
 
-impl Plant for BuiltIn {
-    fn wait(&mut self, timeout: Duration) -> Wake {
-        let deadline = now() + timeout;
+    /// Runs the next tick when it is due; `None` if the deadline comes first.
+    fn next_frame(&mut self, deadline: Instant) -> Option<Frame> {
         let tick_at = *self.tick_at.get_or_insert_with(|| now() + TICK);
         sleep_until(tick_at.min(deadline));
         if deadline < tick_at {
-            return Wake::Deadline;
+            return None;
         }
         let ActiveFaults { failures, simulator_frozen } = self.script_now();
         if simulator_frozen {
             // A new grid starts after the freeze: frozen ticks do not count as skipped.
             self.tick_at = None;
             sleep_until(deadline);
-            return Wake::Deadline;
+            return None;
         }
         self.vehicle.fail(failures);
         self.moved_by = self.pilot.fly(self.command, || self.vehicle.frame());
@@ -69,7 +67,15 @@ impl Plant for BuiltIn {
         let (next, skipped) = next_tick(tick_at, now());
         self.tick_at = Some(next);
         self.skipped += skipped;
-        Wake::Frame(self.vehicle.frame())
+        Some(self.vehicle.frame())
+    }
+}
+
+impl Plant for BuiltIn {
+    fn wait(&mut self, timeout: Duration) -> Wake {
+        let frame = self.next_frame(now() + timeout);
+        let controls = self.moved_by.and_then(Command::controls);
+        Wake { frame, status: PlantStatus { controls, ..PlantStatus::NOTHING } }
     }
 
     fn command(&mut self, command: Command) {
@@ -93,10 +99,6 @@ impl Plant for BuiltIn {
         0
     }
 
-    fn controls(&mut self) -> Option<Controls> {
-        self.moved_by.and_then(Command::controls)
-    }
-
     fn foreign(&self) -> u64 {
         0
     }
@@ -115,6 +117,7 @@ mod tests {
     use skein_common::frame::{Geodetic, Origin};
     use skein_common::id::VehicleId;
     use skein_common::scenario::{EventAction, Fault, ScriptedEvent, Source, load};
+    use skein_core::plant::Controls;
 
     use super::*;
     use skein_core::aircraft::Aircraft;
@@ -152,11 +155,11 @@ mod tests {
     fn frames_are_one_tick_apart_and_deadlines_are_kept() {
         let mut plant = plant(Script::default());
         let begin = now();
-        assert_eq!(plant.wait(TICK / 4), Wake::Deadline);
+        assert_eq!(plant.wait(TICK / 4).frame, None);
         assert!(now() >= begin + TICK / 4);
         let mut times = Vec::new();
         while times.len() < 10 {
-            if let Wake::Frame(frame) = plant.wait(2 * TICK) {
+            if let Some(frame) = plant.wait(2 * TICK).frame {
                 times.push(frame.time);
             }
         }
@@ -174,7 +177,7 @@ mod tests {
         let lasting = fault(20.0, None, Fault::GyroOff { vehicle });
         let BuiltIn { vehicle, pilot, script, .. } = plant(Script::of(&[over, lasting], vehicle));
         let mut plant = BuiltIn::new(vehicle, pilot, script, Some(95.0));
-        assert!(matches!(plant.wait(2 * TICK), Wake::Frame(_)));
+        assert!(plant.wait(2 * TICK).frame.is_some());
         let failures = plant.vehicle.failures();
         assert!(failures.gyro_off && !failures.engine_out, "{failures:?}");
     }
@@ -187,16 +190,16 @@ mod tests {
         let engine_out = fault(0.0, Some(0.1), Fault::EngineOut { vehicle });
         let mut plant = plant(Script::of(&[freeze, engine_out], vehicle));
         // The script starts only with the first command.
-        let Wake::Frame(first) = plant.wait(2 * TICK) else { panic!("no frame") };
+        let Some(first) = plant.wait(2 * TICK).frame else { panic!("no frame") };
         assert!(!plant.vehicle.failures().engine_out);
         plant.command(Command::Controls(Controls::default()));
         let begin = now();
         let (mut frames, mut deadlines) = (Vec::new(), Vec::new());
         while now() < begin + Duration::from_millis(800) {
             let deadline = now() + 3 * TICK / 2;
-            match plant.wait(3 * TICK / 2) {
-                Wake::Frame(frame) => frames.push((now() - begin, frame.time, plant.vehicle.failures().engine_out)),
-                Wake::Deadline => {
+            match plant.wait(3 * TICK / 2).frame {
+                Some(frame) => frames.push((now() - begin, frame.time, plant.vehicle.failures().engine_out)),
+                None => {
                     assert!(now() >= deadline, "the wait ended early");
                     deadlines.push(now() - begin);
                 }

@@ -108,14 +108,6 @@ impl LoopState {
     }
 }
 
-/// The frame that woke the control thread, if one did.
-pub(super) fn frame_of(wake: &Wake) -> Option<&Frame> {
-    match wake {
-        Wake::Frame(frame) => Some(frame),
-        Wake::Deadline => None,
-    }
-}
-
 impl Control {
     /// Flies until the flight has ended, and returns the link to be closed.
     pub(super) fn run(mut self) -> Link {
@@ -125,13 +117,13 @@ impl Control {
         let mut deadline = now() + timeout;
         loop {
             let wake = self.plant.wait(deadline.saturating_duration_since(now()));
-            if wake == Wake::Deadline {
+            if wake.frame.is_none() {
                 // A plant that returns early must not make a real-time thread spin.
                 sleep_until(deadline);
             }
             let woken = now();
             deadline = woken + timeout;
-            self.run_once(&wake, woken, &mut kept);
+            self.run_once(wake, woken, &mut kept);
             if self.is_over(&kept.timing) {
                 break;
             }
@@ -144,8 +136,9 @@ impl Control {
     }
 
     /// One pass of the control loop.
-    fn run_once(&mut self, wake: &Wake, woken: Instant, kept: &mut LoopState) {
-        let frame = frame_of(wake);
+    fn run_once(&mut self, Wake { frame, status }: Wake, woken: Instant, kept: &mut LoopState) {
+        let frame = frame.as_ref();
+        kept.inputs.status = status;
         self.take_inputs(frame, woken, kept);
         let outputs = self.step(kept);
         if let Some(health) = self.report(frame, outputs, (woken, now()), kept) {
@@ -211,12 +204,6 @@ impl Control {
         if self.neighbourhood.is_some() {
             self.link.drain_strangers(&mut inputs.strangers, &mut inputs.intents);
         }
-        inputs.status.standstill = self.plant.standstill();
-        if self.plant.faults() != inputs.status.faults {
-            inputs.status.faults = self.plant.faults().to_vec();
-        }
-        inputs.status.controls = self.plant.controls();
-        inputs.status.pilot_takes_over = self.plant.pilot_takes_over();
         inputs.plant_time = frame.map_or(inputs.plant_time, |frame| frame.time);
         inputs.measurement = frame.map(|frame| frame.measurement);
         inputs.leave = self.stop.is_requested();
@@ -325,7 +312,7 @@ impl Control {
             plant: self.plant_name.to_owned(),
             version: self.release.clone(),
             failures: agent.failures(),
-            simulator_faults: self.plant.faults().to_vec(),
+            simulator_faults: kept.inputs.status.faults.clone(),
             frame_rate_hz,
             jitter_ms,
             step_p50_us,

@@ -23,7 +23,7 @@ use skein_host::clock::LocalClock;
 use tokio::sync::mpsc;
 
 use super::Stop;
-use super::control::{Control, LoopState, frame_of};
+use super::control::{Control, LoopState};
 use crate::link::Trust;
 use crate::link::simulated::SimulatedEnd;
 pub use crate::link::simulated::{LinkSizes, Put};
@@ -88,9 +88,10 @@ impl SimulatedAgent {
     }
 
     /// One pass of the control loop that takes no time.
-    pub fn step(&mut self, wake: &Wake, now: Instant) -> SimulatedStep {
+    pub fn step(&mut self, Wake { frame, status }: Wake, now: Instant) -> SimulatedStep {
         let Self { control, kept, received, .. } = self;
-        let frame = frame_of(wake);
+        let frame = frame.as_ref();
+        kept.inputs.status = status;
         control.take_inputs(frame, now, kept);
         received.clone_from(&kept.inputs.received);
         let outputs = control.step(kept);

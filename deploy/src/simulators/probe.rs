@@ -7,7 +7,7 @@ use skein_agent::plant::xplane::XPlane;
 use skein_common::frame::{Geodetic, Origin};
 use skein_core::aircraft::Profile;
 use skein_core::helicopter::TICK_S;
-use skein_core::plant::{Plant, Wake};
+use skein_core::plant::Plant;
 use skein_host::clock;
 
 /// How long to wait for the simulator.
@@ -28,7 +28,7 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
     let mut place = None;
     while clock::now() < until && (place.is_none() || link.client().version().is_none()) {
         // Each wait renews the subscription if nothing arrives.
-        if let Wake::Frame(frame) = link.wait(ATTEMPT.min(until.saturating_duration_since(clock::now()))) {
+        if let Some(frame) = link.wait(ATTEMPT.min(until.saturating_duration_since(clock::now()))).frame {
             place = Some(frame.measurement.position);
         }
     }

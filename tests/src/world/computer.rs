@@ -48,7 +48,7 @@ impl Helicopter {
 
 impl Plant for Cockpit {
     fn wait(&mut self, _timeout: Duration) -> Wake {
-        Wake::Deadline
+        Wake::default()
     }
 
     fn command(&mut self, command: Command) {

@@ -39,7 +39,7 @@ use pilot::Pilot;
 pub use session::Indices;
 use session::{METRES_PER_DEGREE, Provenance, Sender, Senders, TOP_SPEED_M_S, Value, wrap_deg};
 use skein_core::aircraft::Profile;
-use skein_core::plant::{Command, Controls, Frame, PeerPose};
+use skein_core::plant::{Command, Controls, Frame, PeerPose, PlantStatus};
 use traffic::Traffic;
 
 /// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
@@ -217,9 +217,14 @@ impl Client {
         self.pilot.controls(now)
     }
 
-    /// Whether the pilot's stick is moved so far that the pilot takes the controls.
-    pub fn pilot_takes_over(&self, now: Instant) -> bool {
-        self.pilot.takes_over(now)
+    /// What the simulator reports now beside its frames.
+    pub fn status(&mut self, now: Instant) -> PlantStatus {
+        PlantStatus {
+            standstill: self.standstill(now),
+            faults: self.faults().to_vec(),
+            controls: self.pilot.controls(now),
+            pilot_takes_over: self.pilot.takes_over(now),
+        }
     }
 
     /// X-Plane's version number, once received: 121400 is 12.1.4.
@@ -233,7 +238,7 @@ impl Client {
     }
 
     /// Why the simulator does not simulate this program's flight, if it does not.
-    pub fn standstill(&mut self, now: Instant) -> Option<Standstill> {
+    fn standstill(&mut self, now: Instant) -> Option<Standstill> {
         let other = self.inquiry.as_ref().and_then(Inquiry::other_aircraft);
         let reasons = [
             self.is_in_replay.then_some(Standstill::InReplay),
@@ -247,7 +252,7 @@ impl Client {
     }
 
     /// Faults of the simulator's set-up, as found by the last complete inquiry.
-    pub fn faults(&self) -> &[SimulatorFault] {
+    fn faults(&self) -> &[SimulatorFault] {
         self.inquiry.as_ref().map_or(&[], Inquiry::faults)
     }
 

@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 
 use ring::rand::{SecureRandom, SystemRandom};
 use skein_common::frame::Origin;
-use skein_common::message::{SimulatorFault, Standstill};
 use skein_host::clock::now;
 
 use super::client::{Client, Counters, Indices};
@@ -18,7 +17,7 @@ use super::wire::prel::Placement;
 use super::wire::{PORT, WireError};
 use beacon::Search;
 use skein_core::aircraft::Profile;
-use skein_core::plant::{Command, Controls, PeerPose, Plant, Wake};
+use skein_core::plant::{Command, Frame, PeerPose, Plant, Wake};
 
 /// Largest number of queued datagrams read without waiting: a flood must not delay the newest position.
 const MAX_QUEUED: u32 = 1024;
@@ -168,22 +167,25 @@ impl XPlane {
             may_take -= u32::from(at_once);
         }
     }
+
+    /// The simulator's next frame; `None` if the deadline comes first, or at once without a simulator.
+    fn next_frame(&mut self, deadline: Instant) -> Option<Frame> {
+        let simulator = self.find(deadline)?;
+        self.client.renew(now(), &mut sender(&mut self.port, simulator));
+        loop {
+            self.read(simulator.ip(), deadline);
+            let frame = self.client.frame();
+            if frame.is_some() || now() >= deadline {
+                return frame;
+            }
+        }
+    }
 }
 
 impl Plant for XPlane {
     fn wait(&mut self, timeout: Duration) -> Wake {
-        let deadline = now() + timeout;
-        let Some(simulator) = self.find(deadline) else { return Wake::Deadline };
-        self.client.renew(now(), &mut sender(&mut self.port, simulator));
-        loop {
-            self.read(simulator.ip(), deadline);
-            if let Some(frame) = self.client.frame() {
-                return Wake::Frame(frame);
-            }
-            if now() >= deadline {
-                return Wake::Deadline;
-            }
-        }
+        let frame = self.next_frame(now() + timeout);
+        Wake { frame, status: self.client.status(now()) }
     }
 
     fn command(&mut self, command: Command) {
@@ -212,22 +214,6 @@ impl Plant for XPlane {
 
     fn foreign(&self) -> u64 {
         self.client.counters().foreign
-    }
-
-    fn controls(&mut self) -> Option<Controls> {
-        self.client.controls(now())
-    }
-
-    fn pilot_takes_over(&mut self) -> bool {
-        self.client.pilot_takes_over(now())
-    }
-
-    fn standstill(&mut self) -> Option<Standstill> {
-        self.client.standstill(now())
-    }
-
-    fn faults(&self) -> &[SimulatorFault] {
-        self.client.faults()
     }
 
     fn shows_peers(&self) -> bool {

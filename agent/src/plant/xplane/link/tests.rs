@@ -31,7 +31,7 @@ const SOON: Duration = Duration::from_millis(30);
 fn next_frame(link: &mut XPlane) -> Frame {
     let give_up = now() + TIMEOUT;
     while now() < give_up {
-        if let Wake::Frame(frame) = link.wait(SOON) {
+        if let Some(frame) = link.wait(SOON).frame {
             return frame;
         }
     }
@@ -226,10 +226,10 @@ fn values_make_no_frame_and_are_part_of_the_next_one() {
     let (simulator, mut link) = Scripted::new();
     simulator.send_value(&link, ROTOR_SPEED, 1500.0);
     simulator.send_value(&link, VERSION, 124_000.0);
-    assert_eq!(link.wait(SOON), Wake::Deadline);
+    assert_eq!(link.wait(SOON).frame, None);
     assert_eq!(link.client.version(), Some(124_000));
     simulator.send_position(&link, at_height(3.0));
-    let Wake::Frame(frame) = link.wait(SOON) else { panic!("no frame") };
+    let Some(frame) = link.wait(SOON).frame else { panic!("no frame") };
     assert_eq!(frame.measurement.height_m, 3.0);
     let rotor_speed_rad_s = frame.measurement.rotor_speed_rad_s.unwrap();
     assert!((rotor_speed_rad_s - 157.08).abs() < 0.01);
@@ -243,16 +243,16 @@ fn the_newest_queued_position_is_the_frame() {
     for height_m in [1.0, 2.0, 3.0] {
         simulator.send_position(&link, at_height(height_m));
     }
-    let Wake::Frame(frame) = link.wait(SOON) else { panic!("no frame") };
+    let Some(frame) = link.wait(SOON).frame else { panic!("no frame") };
     assert_eq!((frame.measurement.height_m, link.counters().skipped_frames), (3.0, 2));
-    assert_eq!(link.wait(SOON), Wake::Deadline);
+    assert_eq!(link.wait(SOON).frame, None);
 }
 
 #[test]
 fn a_queued_position_is_used_even_after_the_deadline() {
     let (simulator, mut link) = Scripted::new();
     simulator.send_position(&link, at_height(1.0));
-    assert!(matches!(link.wait(Duration::ZERO), Wake::Frame(_)));
+    assert!(link.wait(Duration::ZERO).frame.is_some());
 }
 
 #[test]
@@ -263,7 +263,7 @@ fn a_paused_simulator_delivers_no_frames_and_its_time_stops() {
     simulator.send_value(&link, PAUSED, 1.0);
     for _ in 0..5 {
         simulator.send_position(&link, at_height(1.0));
-        assert_eq!(link.wait(SOON), Wake::Deadline);
+        assert_eq!(link.wait(SOON).frame, None);
     }
     assert!(link.client.is_paused() && link.counters().frozen_frames == 5);
     simulator.send_value(&link, PAUSED, 0.0);
@@ -298,7 +298,7 @@ fn implausible_datagrams_are_counted_and_dropped() {
     for datagram in [&b""[..], b"RPOS", b"RREF,123", b"DATA\0", &[b'x'; 2000]] {
         simulator.send(&link, datagram);
     }
-    assert_eq!(link.wait(SOON), Wake::Deadline);
+    assert_eq!(link.wait(SOON).frame, None);
     assert_eq!((link.malformed(), link.counters().frames), (9, 0));
     simulator.send_position(&link, at_height(1.0));
     assert_eq!(next_frame(&mut link).measurement.rotor_speed_rad_s, None);
@@ -321,7 +321,7 @@ fn the_link_waits_for_a_simulator_that_is_not_up() {
     let mut link = link_to(closed, LOCAL);
     for _ in 0..3 {
         let deadline = now() + SOON;
-        assert_eq!(link.wait(SOON), Wake::Deadline);
+        assert_eq!(link.wait(SOON).frame, None);
         assert!(now() >= deadline);
         link.command(Command::Controls(HOVER));
     }
@@ -473,8 +473,8 @@ mod live {
         let mut link = link_to(address, LOCAL);
         let before = next_frame(&mut link).time;
         drop(live);
-        while let Wake::Frame(_) = link.wait(SOON) {}
-        assert_eq!(link.wait(SOON), Wake::Deadline);
+        while let Some(_) = link.wait(SOON).frame {}
+        assert_eq!(link.wait(SOON).frame, None);
         let _again = Live::start(address.port());
         let after = next_frame(&mut link).time;
         assert!(after > before);
