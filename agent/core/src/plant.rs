@@ -182,6 +182,17 @@ pub struct PeerPose {
     pub distance_m: f64,
 }
 
+/// What a plant has dropped since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlantDrops {
+    /// Frames that were missed because the agent or the computer was too late for them.
+    pub skipped_frames: u64,
+    /// Malformed datagrams or messages.
+    pub malformed: u64,
+    /// Datagrams whose sender is not the simulator.
+    pub foreign: u64,
+}
+
 /// A vehicle in real time. Only the control thread uses it.
 pub trait Plant: Send {
     /// Blocks until the simulator's next frame or until the timeout. Faults of the link (garbage, a simulator that has
@@ -197,21 +208,12 @@ pub trait Plant: Send {
     /// Nominal time between two frames, s.
     fn frame_period_s(&self) -> f64;
 
-    /// Number of frames that were missed because the agent or the computer was too late for them.
-    fn skipped_frames(&self) -> u64;
-
-    /// Number of malformed datagrams or messages that were dropped.
-    fn malformed(&self) -> u64;
-
-    /// Number of datagrams that were dropped because their sender is not the simulator.
-    fn foreign(&self) -> u64;
-
-    /// Whether the simulator draws peers.
-    fn shows_peers(&self) -> bool {
-        false
+    /// What has been dropped so far.
+    fn drops(&self) -> PlantDrops {
+        PlantDrops::default()
     }
 
-    /// Draws these peers, the nearest ones if they are too many, and no other peers. Called after [`Self::command`], never
-    /// blocks.
-    fn show_peers(&mut self, _peers: &[PeerPose]) {}
+    /// Draws these peers, the nearest ones if they are too many, and no other peers, if the simulator draws any. Called after
+    /// [`Self::command`], never blocks.
+    fn show_peers(&mut self, _peers: &mut dyn Iterator<Item = PeerPose>) {}
 }

@@ -6,7 +6,7 @@ use skein_core::builtin::BuiltInPlant;
 use skein_core::helicopter::failures::ActiveFaults;
 use skein_core::helicopter::{Script, TICK_S};
 use skein_core::pilot::SimulatedPilot;
-use skein_core::plant::{Command, Frame, Plant, PlantStatus, Wake};
+use skein_core::plant::{Command, Frame, Plant, PlantDrops, PlantStatus, Wake};
 use skein_host::clock::{now, sleep_until};
 
 /// A vehicle that advances one tick of 20 ms at each deadline of a fixed grid.
@@ -91,16 +91,8 @@ impl Plant for BuiltIn {
         TICK_S
     }
 
-    fn skipped_frames(&self) -> u64 {
-        self.skipped
-    }
-
-    fn malformed(&self) -> u64 {
-        0
-    }
-
-    fn foreign(&self) -> u64 {
-        0
+    fn drops(&self) -> PlantDrops {
+        PlantDrops { skipped_frames: self.skipped, ..PlantDrops::default() }
     }
 }
 

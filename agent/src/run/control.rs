@@ -25,7 +25,7 @@ use skein_core::energy::Energy;
 use skein_core::formation::Workspace;
 use skein_core::neighbourhood::Neighbourhood;
 use skein_core::outbox::Outbox;
-use skein_core::plant::{Frame, PeerPose, Plant, Wake};
+use skein_core::plant::{Frame, Plant, PlantDrops, Wake};
 use skein_core::station::{Station, StepInputs};
 use skein_host::clock::{LocalClock, now, sleep_until};
 
@@ -75,7 +75,6 @@ pub(super) struct LoopState {
     pub(super) inputs: StepInputs,
     /// Why something that the external law sent was refused, until it is reported.
     law_refusal: Option<ShortText>,
-    poses: Vec<PeerPose>,
     workspace: Workspace,
     events: u64,
     healths: u64,
@@ -96,7 +95,6 @@ impl LoopState {
             silence: SilenceMonitor::new(),
             inputs: StepInputs::default(),
             law_refusal: None,
-            poses: Vec::new(),
             workspace: Workspace::default(),
             events: 0,
             healths: 0,
@@ -179,12 +177,12 @@ impl Control {
         if let Some((law, ask)) = self.law.as_ref().zip(ask) {
             law.ask(*ask);
         }
-        self.show_peers(&mut kept.poses);
+        self.plant.show_peers(&mut self.station.agent().peer_poses(&self.own_origin));
 
         let trace = frame.and_then(|frame| self.trace(true_time, frame, kept));
         if let Some(frame) = frame {
             self.energy.take(frame.time, frame.truth.power_w);
-            kept.timing.frame(woken, self.plant.skipped_frames());
+            kept.timing.frame(woken, self.plant.drops().skipped_frames);
             kept.timing.step(woken, done);
         }
         let local_time = self.station.clocks().local_time(true_time);
@@ -209,16 +207,6 @@ impl Control {
         inputs.leave = self.stop.is_requested();
         let (answer, refusal) = self.law.as_ref().map(LiveLaw::take).unwrap_or_default();
         (inputs.answer, kept.law_refusal) = (answer, refusal);
-    }
-
-    /// Lets the simulator draw the peers where they are now.
-    fn show_peers(&mut self, poses: &mut Vec<PeerPose>) {
-        if !self.plant.shows_peers() {
-            return;
-        }
-        poses.clear();
-        poses.extend(self.station.agent().peer_poses(&self.own_origin));
-        self.plant.show_peers(poses);
     }
 
     /// Hands the messages of this step to the publisher's thread.
@@ -334,9 +322,10 @@ impl Control {
     /// Messages and measurements dropped so far by the core, the link and the plant.
     fn drops(&self) -> Drops {
         let (core, link) = (self.station.agent().drops(), self.link.drops());
+        let PlantDrops { malformed, foreign, .. } = self.plant.drops();
         Drops {
-            plant_malformed: self.plant.malformed(),
-            plant_foreign: self.plant.foreign(),
+            plant_malformed: malformed,
+            plant_foreign: foreign,
             undecodable: link.undecodable,
             other_version: link.other_version,
             forged: core.forged + link.forged,

@@ -60,18 +60,6 @@ impl Plant for Cockpit {
     fn frame_period_s(&self) -> f64 {
         TICK_S
     }
-
-    fn skipped_frames(&self) -> u64 {
-        0
-    }
-
-    fn malformed(&self) -> u64 {
-        0
-    }
-
-    fn foreign(&self) -> u64 {
-        0
-    }
 }
 
 fn lock(helicopter: &Mutex<Helicopter>) -> std::sync::MutexGuard<'_, Helicopter> {

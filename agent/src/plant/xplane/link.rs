@@ -17,7 +17,7 @@ use super::wire::prel::Placement;
 use super::wire::{PORT, WireError};
 use beacon::Search;
 use skein_core::aircraft::Profile;
-use skein_core::plant::{Command, Frame, PeerPose, Plant, Wake};
+use skein_core::plant::{Command, Frame, PeerPose, Plant, PlantDrops, Wake};
 
 /// Largest number of queued datagrams read without waiting: a flood must not delay the newest position.
 const MAX_QUEUED: u32 = 1024;
@@ -64,6 +64,8 @@ pub struct XPlane {
     search: Option<Search>,
     /// Number of malformed beacons.
     malformed_beacons: u64,
+    /// The peers to draw, with room that is used again.
+    poses: Vec<PeerPose>,
 }
 
 impl XPlane {
@@ -97,6 +99,7 @@ impl XPlane {
             simulator: address,
             search,
             malformed_beacons: 0,
+            poses: Vec::new(),
         })
     }
 
@@ -204,25 +207,16 @@ impl Plant for XPlane {
         self.client.frame_period_s()
     }
 
-    fn skipped_frames(&self) -> u64 {
-        self.client.counters().skipped_frames
+    fn drops(&self) -> PlantDrops {
+        let Counters { skipped_frames, malformed, foreign, .. } = self.counters();
+        PlantDrops { skipped_frames, malformed, foreign }
     }
 
-    fn malformed(&self) -> u64 {
-        self.counters().malformed
-    }
-
-    fn foreign(&self) -> u64 {
-        self.client.counters().foreign
-    }
-
-    fn shows_peers(&self) -> bool {
-        self.client.shows_peers()
-    }
-
-    fn show_peers(&mut self, peers: &[PeerPose]) {
-        if let Some(simulator) = self.simulator {
-            self.client.show_peers(peers, now(), &mut sender(&mut self.port, simulator));
+    fn show_peers(&mut self, peers: &mut dyn Iterator<Item = PeerPose>) {
+        if let Some(simulator) = self.simulator.filter(|_| self.client.shows_peers()) {
+            self.poses.clear();
+            self.poses.extend(peers);
+            self.client.show_peers(&self.poses, now(), &mut sender(&mut self.port, simulator));
         }
     }
 }

@@ -299,7 +299,7 @@ fn implausible_datagrams_are_counted_and_dropped() {
         simulator.send(&link, datagram);
     }
     assert_eq!(link.wait(SOON).frame, None);
-    assert_eq!((link.malformed(), link.counters().frames), (9, 0));
+    assert_eq!((link.drops().malformed, link.counters().frames), (9, 0));
     simulator.send_position(&link, at_height(1.0));
     assert_eq!(next_frame(&mut link).measurement.rotor_speed_rad_s, None);
 }
@@ -459,7 +459,7 @@ mod live {
         assert_eq!(read(live.address, "sim/cockpit2/engine/actuators/prop_ratio[0]"), 0.7);
         assert_eq!(read(live.address, "sim/operation/override/override_joystick"), 1.0);
         assert_eq!(link.client.version(), Some(124_000));
-        assert_eq!(link.malformed(), 0);
+        assert_eq!(link.drops().malformed, 0);
 
         link.release();
         sleep_until(now() + Duration::from_millis(60));
@@ -508,7 +508,7 @@ mod live {
             }
             stop.store(true, Relaxed);
         });
-        assert!(link.malformed() > 100, "{:?}", link.counters());
+        assert!(link.drops().malformed > 100, "{:?}", link.counters());
     }
 
     #[test]

@@ -27,7 +27,7 @@ fn a_peer_is_drawn_where_it_is_at_the_frame_rate_and_its_aircraft_is_given_back(
     let mut places = Vec::new();
     for frame in 0..100 {
         next_frame(&mut link);
-        link.show_peers(&[peer(begin)]);
+        link.show_peers(&mut [peer(begin)].into_iter());
         if frame % 10 == 9 {
             let local_m = read(live.address, "sim/multiplayer/position/plane1_x");
             places.push(local_m);
@@ -50,12 +50,12 @@ fn a_peer_is_drawn_where_it_is_at_the_frame_rate_and_its_aircraft_is_given_back(
 fn a_simulator_that_is_not_there_is_sent_no_peers() {
     let (mut simulator, mut link) = Scripted::silent();
     link.show_up_to(1, None).unwrap();
-    assert!(link.shows_peers());
-    link.show_peers(&[peer(now())]);
+    assert!(link.client().shows_peers());
+    link.show_peers(&mut [peer(now())].into_iter());
     assert!(simulator.receive().is_empty());
     simulator.send_place(&link, &at_height(0.0));
     simulator.send_position(&link, at_height(0.0));
     next_frame(&mut link);
-    link.show_peers(&[peer(now())]);
+    link.show_peers(&mut [peer(now())].into_iter());
     assert!(simulator.receive().iter().any(|datagram| datagram.starts_with(b"VEHX")));
 }

@@ -72,14 +72,14 @@ fn another_address_and_another_port_are_not_the_simulator() {
     simulator.send_position(&link, at_height(2.0));
     other_port.send_to(&encoded(&at_height(3.0)), to).unwrap();
     assert_eq!(next_frame(&mut link).measurement.height_m, 2.0);
-    assert_eq!((link.counters().foreign, link.malformed()), (1, 0));
+    assert_eq!((link.counters().foreign, link.drops().malformed), (1, 0));
 
     let Ok(stranger) = UdpSocket::bind((Ipv4Addr::new(127, 0, 0, 2), 0)) else {
         return println!("skipped: this computer has one loopback address only");
     };
     stranger.send_to(&encoded(&at_height(4.0)), to).unwrap();
     assert_eq!(link.wait(SOON).frame, None);
-    assert_eq!((link.foreign(), link.malformed()), (2, 0));
+    assert_eq!((link.drops().foreign, link.drops().malformed), (2, 0));
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn values_with_guessed_indices_are_dropped() {
     spoofer.send_to(&datagram, to).unwrap();
     assert_eq!(link.wait(SOON).frame, None);
     assert!(!link.client.is_paused() && link.client.rotor_speed.is_none() && link.client.version().is_none());
-    assert_eq!(link.foreign(), 101);
+    assert_eq!(link.drops().foreign, 101);
 }
 
 #[test]
@@ -122,8 +122,8 @@ fn a_spoofer_on_this_computer_cannot_deliver_a_frame() {
         under_attack(&mut link, &[FAR, SPOOFED], |link| (0..150).map(|_| next_frame(link)).collect::<Vec<_>>());
     assert_eq!(frames.iter().filter(|frame| is_spoofed(frame)).count(), 0);
     assert!(frames.windows(2).all(|pair| pair[0].time < pair[1].time));
-    assert!(link.foreign() > 500, "{:?}", link.counters());
-    assert_eq!(link.malformed(), 0);
+    assert!(link.drops().foreign > 500, "{:?}", link.counters());
+    assert_eq!(link.drops().malformed, 0);
 }
 
 #[test]
@@ -159,7 +159,7 @@ fn a_simulator_that_replies_from_several_ports_is_flown() {
     });
     assert_eq!(spoofed, 0);
     assert!(highest_m > 1.0, "the aircraft did not climb: {highest_m} m");
-    assert!(link.foreign() > 100 && link.counters().skipped_frames < 20, "{:?}", link.counters());
+    assert!(link.drops().foreign > 100 && link.counters().skipped_frames < 20, "{:?}", link.counters());
 }
 
 #[test]
@@ -172,7 +172,7 @@ fn two_equally_credible_senders_deliver_no_frame() {
             assert_eq!(link.wait(SOON).frame, None);
         }
     });
-    assert!(link.foreign() > 100, "{:?}", link.counters());
+    assert!(link.drops().foreign > 100, "{:?}", link.counters());
     assert!(!is_spoofed(&next_frame(&mut link)), "the simulator is trusted once the other sender has gone");
 }
 
