@@ -5,34 +5,25 @@ pub mod fleet;
 mod security;
 
 use std::collections::BTreeMap;
-use std::io;
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use skein_common::frame::Origin;
 use skein_common::id::{VehicleId, VehicleName};
 use skein_common::scenario::{
-    self, ControlMode, Described, FileKind, Loaded, ModelKind, PlantKind, Scenario, ScenarioError, Source,
-    StartPattern, Written,
+    self, ControlMode, Described, FileKind, Loaded, PlantKind, Scenario, ScenarioError, Source, Written,
 };
 
 use crate::link::Security;
 use crate::link::signature::VerificationKey;
-use crate::plant::builtin::BuiltIn;
-use crate::plant::xplane::placing::start_of;
-use crate::plant::xplane::wire::{self, prel::Placement};
-use crate::plant::xplane::{self, XPlane};
+use crate::plant::xplane::XPlaneLinkError;
+use crate::plant::{PlantChoice, PlantError, PlantVehicle};
 use crate::unix;
 pub use security::SecurityTable;
 use skein_core::aircraft::Aircraft;
-use skein_core::builtin::{BuiltInPlant, NoFlightModel};
 use skein_core::control::Rules;
 use skein_core::formation::{self, UnsupportedScenario};
-use skein_core::helicopter::{Script, TICK_S};
-use skein_core::pilot::SimulatedPilot;
 use skein_core::plant::Plant;
-use skein_core::start::{StartAreaTooSmall, starts};
+use skein_core::start::StartAreaTooSmall;
 use skein_host::external::{self, ExternalError};
 use skein_host::files::{self, FileError};
 
@@ -143,15 +134,9 @@ pub enum ConfigError {
         /// The start area and the vehicles.
         source: StartAreaTooSmall,
     },
-    /// Only X-Plane can fly this aircraft.
-    #[error("the aircraft {0} has no [helicopter] table, which the built-in plant needs")]
-    NoModel(String),
-    /// A point mass flies in the built-in plant only.
-    #[error(
-        "vehicle {0}: `plant.model` = \"point_mass\" flies in the built-in plant only: remove the node's plant and the \
-         address of its X-Plane"
-    )]
-    PointMassInXPlane(VehicleId),
+    /// The plant cannot fly the vehicle.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
     /// The external law cannot be reached.
     #[error(transparent)]
     Law(#[from] ExternalError),
@@ -161,14 +146,6 @@ pub enum ConfigError {
          `skein cluster up` prints"
     )]
     NoRun(String),
-    /// The simulator's address cannot be resolved.
-    #[error("{text:?} is not the address HOST[:PORT] of a simulator: {source}")]
-    Address {
-        /// The text given.
-        text: String,
-        /// The system's error.
-        source: io::Error,
-    },
 }
 
 /// The checked configuration of one agent.
@@ -215,28 +192,6 @@ pub struct InputsFolder {
     pub aircraft: String,
     /// The rule bases, if they are not those that come with the program.
     pub rules: Option<[String; 4]>,
-}
-
-/// The plant that flies an aircraft.
-#[derive(Clone, Debug)]
-pub enum PlantChoice {
-    /// The built-in vehicle in this process.
-    BuiltIn(Box<BuiltInPlant>),
-    /// A stand-in with X-Plane's protocol, at this address.
-    Standin(SocketAddr),
-    /// An X-Plane at this address, or else on this computer.
-    XPlane(Option<SocketAddr>),
-}
-
-impl PlantChoice {
-    /// Name of the plant, as scenarios spell it.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::BuiltIn(_) => "builtin",
-            Self::Standin(_) => "standin",
-            Self::XPlane(_) => "xplane",
-        }
-    }
 }
 
 impl AgentOptions {
@@ -315,27 +270,13 @@ impl AgentOptions {
             rules: rule_texts,
         });
         let address = self.xplane.as_ref().or(xplane.as_ref());
-        let plant = match (plant.unwrap_or(scenario.swarm.plant), address) {
-            (PlantKind::Builtin, None) => {
-                let start =
-                    starts(&scenario).map_err(|source| ConfigError::StartAreaTooSmall { file: name, source })?;
-                let start = &start[usize::from(id.get()) - 1];
-                let plant = BuiltInPlant::new(&scenario, id, &aircraft, start)
-                    .map_err(|NoFlightModel| ConfigError::NoModel(vehicle.aircraft.clone()))?;
-                PlantChoice::BuiltIn(Box::new(plant))
-            }
-            _ if scenario.plant.model == ModelKind::PointMass => return Err(ConfigError::PointMassInXPlane(id)),
-            (PlantKind::Standin, address) => {
-                let address = address.or(vehicle.xplane.as_ref()).map(|text| simulator(text)).transpose()?;
-                let port = wire::PORT + 10 * u16::from(id.get() - 1);
-                PlantChoice::Standin(address.unwrap_or_else(|| (Ipv4Addr::LOCALHOST, port).into()))
-            }
-            // A given X-Plane address overrides the scenario's built-in plant.
-            (PlantKind::Builtin | PlantKind::Xplane, address) => {
-                let address = address.or(vehicle.xplane.as_ref()).map(|text| simulator(text)).transpose()?;
-                PlantChoice::XPlane(address)
-            }
-        };
+        let flown_s = self.flown_s;
+        let vehicle = PlantVehicle { scenario: &scenario, id, aircraft: &aircraft, rules: &rules, flown_s };
+        let plant = PlantChoice::new(plant.unwrap_or(scenario.swarm.plant), address.map(String::as_str), &vehicle);
+        let plant = plant.map_err(|error| match error {
+            PlantError::StartArea(source) => ConfigError::StartAreaTooSmall { file: name, source },
+            error => error.into(),
+        })?;
         let (security, orders_key) = match security {
             None => (Security::Plain, None),
             Some(_) if self.run.is_none_or(|run| run == 0) => {
@@ -348,7 +289,7 @@ impl AgentOptions {
                 (security, Some(orders_key))
             }
         };
-        let (flown_s, run) = (self.flown_s, self.run.unwrap_or(0));
+        let run = self.run.unwrap_or(0);
         Ok(Node {
             scenario,
             notes,
@@ -372,48 +313,9 @@ impl Node {
     ///
     /// # Errors
     /// If a socket for the simulator cannot be opened.
-    pub fn open_plant(&self) -> Result<Box<dyn Plant>, xplane::XPlaneLinkError> {
-        let address = match &self.plant {
-            PlantChoice::BuiltIn(vehicle) => {
-                let script = Script::of(&self.scenario.mission.events, self.id);
-                let pilot = SimulatedPilot::new(&self.scenario, &self.aircraft, &self.rules);
-                return Ok(Box::new(BuiltIn::new((**vehicle).clone(), pilot, script, self.flown_s)));
-            }
-            PlantChoice::Standin(address) => Some(*address),
-            PlantChoice::XPlane(address) => *address,
-        };
-        let origin = Origin::new(self.scenario.origin.geodetic());
-        let listen = address.map_or(Ipv4Addr::UNSPECIFIED.into(), |address| listen_for(address.ip()));
-        let rate_hz = (1.0 / TICK_S).round() as u32;
-        let mut link = XPlane::new(&origin, address, &self.aircraft.xplane, rate_hz, listen)?;
-        if let Some(deflection) = self.scenario.plant.stick_release {
-            link.release_at(deflection);
-        }
-        if let Some(place) = self.start() {
-            link.start_at(place);
-        }
-        let plant = &self.scenario.plant;
-        if plant.random_failures {
-            link.want_random_failures();
-        }
-        link.show_up_to(plant.show_peers, plant.peer_acf.as_deref())?;
-        Ok(Box::new(link))
-    }
-
-    /// Where a simulator has to place the vehicle; nowhere if the scenario leaves it where it is, or if it is flying
-    /// already.
-    fn start(&self) -> Option<Placement> {
-        let is_placed = self.scenario.start.pattern != StartPattern::AsIs && self.flown_s.is_none();
-        is_placed.then(|| start_of(&self.scenario, self.id)).flatten()
-    }
-}
-
-/// Local address to bind for talking to a simulator.
-pub fn listen_for(simulator: IpAddr) -> IpAddr {
-    match simulator {
-        _ if simulator.is_loopback() => simulator,
-        IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
-        IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    pub fn open_plant(&self) -> Result<Box<dyn Plant>, XPlaneLinkError> {
+        let Self { scenario, id, aircraft, rules, flown_s, .. } = self;
+        self.plant.open(&PlantVehicle { scenario, id: *id, aircraft, rules, flown_s: *flown_s })
     }
 }
 
@@ -454,24 +356,6 @@ fn number(text: &str) -> Result<u64, String> {
         None => text.parse(),
     };
     number.map_err(|_| "must be a number, decimal or 0x...".to_owned())
-}
-
-/// Resolves `HOST[:PORT]`, IPv4 first where a name has several addresses.
-///
-/// # Errors
-/// If the address cannot be resolved.
-pub fn simulator(text: &str) -> Result<SocketAddr, ConfigError> {
-    let addresses = if let Ok(ip) = text.parse::<IpAddr>() {
-        Ok(vec![(ip, wire::PORT).into()])
-    } else if text.contains(':') {
-        text.to_socket_addrs().map(Vec::from_iter)
-    } else {
-        (text, wire::PORT).to_socket_addrs().map(Vec::from_iter)
-    };
-    let address = |source| ConfigError::Address { text: text.to_owned(), source };
-    let addresses = addresses.map_err(address)?;
-    let first = addresses.iter().find(|address| address.is_ipv4()).or(addresses.first());
-    first.copied().ok_or_else(|| address(io::ErrorKind::NotFound.into()))
 }
 
 #[cfg(test)]

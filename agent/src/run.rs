@@ -199,7 +199,7 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     let control = Control {
         station,
         plant,
-        plant_name: node.plant.name(),
+        plant_name: node.plant.kind().spec().name,
         release: release(),
         link,
         law: LiveLaw::start(&node.scenario, node.id)?,
@@ -214,7 +214,7 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         recorder,
         energy: Energy::new(node.aircraft.battery.map(|battery| battery.capacity_wh)),
     };
-    let (id, plant) = (node.id, node.plant.name());
+    let (id, plant) = (node.id, node.plant.kind().spec().name);
     let thread = thread::Builder::new().name("control".to_owned()).spawn(move || {
         let (priority, memory) = (unix::raise_thread_priority(), unix::lock_memory());
         tracing::info!("vehicle {id} flies {plant}: {priority}, {memory}");

@@ -165,6 +165,7 @@ fn standin(options: &StandinOptions) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests {
+    use skein_common::scenario::PlantKind;
     use skein_lab::cli::parse_from;
 
     use super::*;
@@ -252,7 +253,10 @@ mod tests {
         let Ok(Command::Fly(args)) = parse(line) else { panic!("a flight") };
         assert_eq!(args.scenario.scenario.as_deref(), Some("my.toml".as_ref()));
         assert_eq!(args.scenario.sets, ["seed=3", "formation.radius_m=50"]);
-        assert_eq!((args.plant, args.duration_s, args.seed), (Some(fly::PlantArg::Standin), Some(20.0), Some(4)));
+        assert_eq!(
+            (args.plant, args.duration_s, args.seed),
+            (Some(fly::PlantArg(PlantKind::Standin)), Some(20.0), Some(4))
+        );
         assert!(args.json && args.out.is_none() && args.xplane.is_empty());
     }
 

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use skein_agent::config::{listen_for, simulator};
 use skein_agent::plant::xplane::XPlane;
+use skein_agent::plant::xplane::{listen_for, simulator};
 use skein_common::frame::{Geodetic, Origin};
 use skein_core::aircraft::Profile;
 use skein_core::control::Rules;

@@ -16,8 +16,11 @@
 use std::io::IsTerminal;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::LazyLock;
 use std::time::Duration;
 
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
 use skein_agent::link::{ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use skein_agent::unix;
 
@@ -28,6 +31,7 @@ use crate::reach::SwarmArgs;
 use crate::simulators::HostPort;
 use crate::view::{self, NameArgs, OrdersArgs, PageBeside, Served};
 use skein_common::id::SwarmName;
+use skein_common::scenario::PlantKind;
 use skein_core::formation::room;
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
@@ -109,24 +113,18 @@ fn duration(text: &str) -> Result<f64, String> {
 const GATHER_WITHIN_S: f64 = 60.0;
 
 /// `--plant`
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum PlantArg {
-    /// The helicopter inside the agent
-    Builtin,
-    /// The same helicopter behind X-Plane's UDP protocol
-    Standin,
-    /// X-Plane
-    Xplane,
-}
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlantArg(pub PlantKind);
 
-impl PlantArg {
-    /// The value of `swarm.plant` in the scenario.
-    fn name(self) -> &'static str {
-        match self {
-            Self::Builtin => "builtin",
-            Self::Standin => "standin",
-            Self::Xplane => "xplane",
-        }
+impl ValueEnum for PlantArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        static ALL: LazyLock<Vec<PlantArg>> = LazyLock::new(|| PlantKind::all().map(PlantArg).collect());
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        let spec = self.0.spec();
+        Some(PossibleValue::new(spec.name).help(spec.help))
     }
 }
 

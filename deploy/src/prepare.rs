@@ -3,7 +3,7 @@
 //! others with the same message.
 
 use skein_agent::config::check_live;
-use skein_common::scenario::{PlantKind, Scenario};
+use skein_common::scenario::{Scenario, Simulator};
 use skein_host::external::protocol::Time;
 
 use crate::simulators::{self, HostPort};
@@ -53,8 +53,8 @@ pub fn prepare(
     if time == Time::Real {
         check_live(scenario).map_err(|why| refused(why.to_string()))?;
     }
-    let flies_in_xplane = time == Time::Real && scenario.swarm.plant == PlantKind::Xplane;
-    let ready = if flies_in_xplane {
+    let flies_in_given = time == Time::Real && scenario.swarm.plant.spec().simulator == Simulator::Given;
+    let ready = if flies_in_given {
         let ready = args.ready(scenario)?;
         prepare::try_law(args, scenario, time, trial)?;
         ready
@@ -62,7 +62,7 @@ pub fn prepare(
         prepare::prepare(args, scenario, time, trial)?
     };
     let xplanes = match target {
-        Target::Fly { xplanes } if flies_in_xplane => simulators::addresses(scenario, xplanes)?,
+        Target::Fly { xplanes } if flies_in_given => simulators::addresses(scenario, xplanes)?,
         Target::Fly { .. } | Target::Study => Vec::new(),
     };
     simulators::ask_all(&xplanes)?;

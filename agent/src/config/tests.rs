@@ -1,5 +1,6 @@
 use std::fs;
 
+use skein_core::builtin::BuiltInPlant;
 use tempfile::TempDir;
 
 use super::*;
@@ -42,7 +43,7 @@ fn a_nodes_file_gives_its_id_plant_and_endpoints() {
     let node = by_config(&folder).node().unwrap();
     assert_eq!((node.id.get(), node.scenario.swarm.vehicles), (3, 3));
     assert_eq!((node.listen, node.dial), (vec!["tcp/10.0.0.3:7449".into()], vec!["tcp/10.0.0.1:7447".into()]));
-    assert_eq!((node.plant.name(), address(&node.plant)), ("xplane", Some("10.0.0.9:49000".into())));
+    assert_eq!((node.plant.kind().spec().name, address(&node.plant)), ("xplane", Some("10.0.0.9:49000".into())));
 }
 
 const SECURED: &str = r#"
@@ -119,7 +120,7 @@ fn an_agent_started_by_hand_dials_the_lower_ids() {
     let node = by_scenario(&folder, 3).node().unwrap();
     assert_eq!(node.listen, ["tcp/127.0.0.1:7449"]);
     assert_eq!(node.dial, ["tcp/127.0.0.1:7447", "tcp/127.0.0.1:7448"]);
-    assert_eq!(node.plant.name(), "builtin");
+    assert_eq!(node.plant.kind().spec().name, "builtin");
     assert!(by_scenario(&folder, 1).node().unwrap().dial.is_empty());
 }
 
@@ -129,7 +130,7 @@ fn an_option_overrides_the_scenarios_simulator_address() {
     let plant = |id, set: &str, xplane: Option<&str>| {
         let options = by_scenario(&folder, id);
         let node = AgentOptions { sets: vec![set.into()], xplane: xplane.map(Into::into), ..options }.node().unwrap();
-        (node.plant.name(), address(&node.plant))
+        (node.plant.kind().spec().name, address(&node.plant))
     };
     let (standin, xplane) = ("swarm.plant=standin", "swarm.plant=xplane");
     assert_eq!(plant(3, standin, None), ("standin", Some("127.0.0.1:49020".into())));

@@ -2,12 +2,15 @@
 
 use std::time::{Duration, Instant};
 
-use skein_core::builtin::BuiltInPlant;
+use skein_core::builtin::{BuiltInPlant, NoFlightModel};
 use skein_core::helicopter::failures::ActiveFaults;
 use skein_core::helicopter::{Script, TICK_S};
 use skein_core::pilot::SimulatedPilot;
 use skein_core::plant::{Command, Frame, Plant, PlantDrops, PlantStatus, Wake};
+use skein_core::start::starts;
 use skein_host::clock::{now, sleep_until};
+
+use super::vehicle::{PlantError, PlantVehicle};
 
 /// A vehicle that advances one tick of 20 ms at each deadline of a fixed grid.
 ///
@@ -94,6 +97,27 @@ impl Plant for BuiltIn {
     fn drops(&self) -> PlantDrops {
         PlantDrops { skipped_frames: self.skipped, ..PlantDrops::default() }
     }
+}
+
+/// The built-in vehicle at its start.
+///
+/// # Errors
+/// An aircraft without a flight model, or a start area that is too small.
+pub(super) fn at_start(vehicle: &PlantVehicle<'_>) -> Result<BuiltInPlant, PlantError> {
+    let &PlantVehicle { scenario, id, aircraft, .. } = vehicle;
+    let starts = starts(scenario).map_err(PlantError::StartArea)?;
+    let start = &starts[usize::from(id.get()) - 1];
+    BuiltInPlant::new(scenario, id, aircraft, start).map_err(|NoFlightModel| {
+        let name = scenario.vehicle(id).map(|vehicle| vehicle.aircraft.clone());
+        PlantError::NoModel(name.unwrap_or_default())
+    })
+}
+
+/// The plant that flies this vehicle, with the scenario's failures and its simulated pilot.
+pub(super) fn open(built_in: &BuiltInPlant, vehicle: &PlantVehicle<'_>) -> BuiltIn {
+    let &PlantVehicle { scenario, id, aircraft, rules, flown_s } = vehicle;
+    let script = Script::of(&scenario.mission.events, id);
+    BuiltIn::new(built_in.clone(), SimulatedPilot::new(scenario, aircraft, rules), script, flown_s)
 }
 
 /// The next deadline of the grid, at most one tick before `now`, and the number of ticks skipped for it. `tick_at` is

@@ -2,6 +2,7 @@
 //!
 //! | module | what it holds |
 //! | --- | --- |
+//! | `address` | resolves the addresses of simulators |
 //! | [`wire`] | encodes and decodes every datagram |
 //! | [`discovery`] | finds the X-Planes of a network |
 //! | [`placing`] | puts an aircraft to its vehicle's start |
@@ -14,6 +15,15 @@
 //!
 //! Degrees, X-Plane's axes and its single precision are used in this folder only.
 
+use std::net::{Ipv4Addr, SocketAddr};
+
+use skein_common::frame::Origin;
+use skein_common::scenario::StartPattern;
+use skein_core::helicopter::TICK_S;
+
+use super::vehicle::PlantVehicle;
+
+mod address;
 mod convert;
 mod socket;
 
@@ -25,5 +35,34 @@ pub mod server;
 pub mod standin;
 pub mod wire;
 
+pub(super) use address::default_address;
+pub use address::{listen_for, simulator};
 pub use client::Counters;
 pub use link::{XPlane, XPlaneLinkError};
+use placing::start_of;
+
+/// The link to this vehicle's X-Plane, as its scenario wants it.
+///
+/// # Errors
+/// If a socket for the simulator cannot be opened.
+pub(super) fn open(address: Option<SocketAddr>, vehicle: &PlantVehicle<'_>) -> Result<XPlane, XPlaneLinkError> {
+    let &PlantVehicle { scenario, id, aircraft, flown_s, .. } = vehicle;
+    let origin = Origin::new(scenario.origin.geodetic());
+    let listen = address.map_or(Ipv4Addr::UNSPECIFIED.into(), |address| listen_for(address.ip()));
+    let rate_hz = (1.0 / TICK_S).round() as u32;
+    let mut link = XPlane::new(&origin, address, &aircraft.xplane, rate_hz, listen)?;
+    let plant = &scenario.plant;
+    if let Some(deflection) = plant.stick_release {
+        link.release_at(deflection);
+    }
+    // An aircraft that is flying already, or that the scenario leaves where it is, is not placed.
+    let is_placed = scenario.start.pattern != StartPattern::AsIs && flown_s.is_none();
+    if let Some(place) = is_placed.then(|| start_of(scenario, id)).flatten() {
+        link.start_at(place);
+    }
+    if plant.random_failures {
+        link.want_random_failures();
+    }
+    link.show_up_to(plant.show_peers, plant.peer_acf.as_deref())?;
+    Ok(link)
+}

@@ -16,10 +16,10 @@ use zenoh::Wait;
 use zenoh::handlers::FifoChannel;
 
 use super::*;
-use crate::config::PlantChoice;
 use crate::link::signature::orders::sign;
 use crate::link::signature::tests::signing_key;
 use crate::link::{self, Security};
+use crate::plant::PlantChoice;
 use skein_core::aircraft::Aircraft;
 use skein_core::builtin::BuiltInPlant;
 use skein_core::control::Rules;

@@ -7,8 +7,8 @@ use super::error::ScenarioError;
 use super::keys::KEYS;
 use super::kind::FileKind;
 use super::model::{
-    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, ModelKind, Pattern, PlantKind, SafetyFilter,
-    Scenario, ScriptedOrder, ScriptedVerb, Setting, StartPattern, Vertical,
+    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, ModelKind, Pattern, SafetyFilter, Scenario,
+    ScriptedOrder, ScriptedVerb, Setting, StartPattern, Vertical,
 };
 use super::tree::{Node, Part, Place, Table, Texts, Value};
 use crate::id::VehicleId;
@@ -169,7 +169,7 @@ impl Check<'_> {
             return Ok(());
         }
         let point_mass = "`plant.model` = \"point_mass\"";
-        if swarm.plant != PlantKind::Builtin {
+        if swarm.plant.spec().command_for(plant.model).is_none() {
             let message =
                 format!("{point_mass} needs `swarm.plant` = \"builtin\": X-Plane and its stand-in fly helicopters");
             return Err(self.fault(&["swarm.plant", "plant.model"], message));
@@ -236,7 +236,7 @@ impl Check<'_> {
             }
             StartPattern::Ring if free > 1 && chord_m < apart_m => Err(self
                 .fault(&paths, format!("{free} starts on a ring {square_m} m wide are less than {apart_m} m apart"))),
-            StartPattern::AsIs if free > 0 && self.scenario.swarm.plant != PlantKind::Xplane => Err(self.fault(
+            StartPattern::AsIs if free > 0 && !self.scenario.swarm.plant.spec().has_own_start => Err(self.fault(
                 &["start.pattern"],
                 "`start.pattern` = \"as_is\" is for X-Plane: with another plant every vehicle needs `start_ne_m` in `[vehicle.N]`".to_owned(),
             )),

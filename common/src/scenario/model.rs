@@ -25,7 +25,9 @@ pub use mission::{
     EventAction, Fault, Mission, Partition, ScriptedEvent, ScriptedOrder, ScriptedVerb, Servo, Step, Target,
 };
 pub use network::{Graph, LinkChange, Network, Quality, SendMode};
-pub use plant::{ModelKind, PlantKind, PointMassLimits, VehicleModel};
+pub use plant::{
+    CommandKind, ModelKind, PlantKind, PlantSpec, PlayedFailures, PointMassLimits, Simulator, VehicleModel,
+};
 pub use sensing::{PositionSensing, Sensing, SensorErrors, VelocitySensing};
 pub use setting::{Setting, TunableKey};
 

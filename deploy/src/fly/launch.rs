@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use skein_agent::config::fleet;
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{SwarmName, VehicleId, VehicleName};
-use skein_common::scenario::{Described, PlantKind, Scenario};
+use skein_common::scenario::{Described, Scenario, Simulator};
 use skein_core::helicopter::Start;
 
 use super::children::{Children, ProcessRole};
@@ -67,11 +67,10 @@ pub fn launch(plan: &Plan, described: &Described, endpoints: &Endpoints) -> Resu
     }
     aircraft.try_for_each(|(name, text)| out::write(&aircraft_file(endpoints, name), text))?;
     let mut children = Children::default();
-    let simulators = match scenario.swarm.plant {
-        PlantKind::Standin => {
-            start_standins(plan, endpoints, &folder, &mut children).map_err(|error| failed("stand-ins", error))?
-        }
-        PlantKind::Builtin | PlantKind::Xplane => plan.xplanes.clone(),
+    let simulators = match scenario.swarm.plant.spec().simulator {
+        Simulator::Launched { command } => start_standins(command, plan, endpoints, &folder, &mut children)
+            .map_err(|error| failed("stand-ins", error))?,
+        Simulator::Inside | Simulator::Given => plan.xplanes.clone(),
     };
     let scenario_file = if scenario.team.is_some() { "../../scenario.toml" } else { "../scenario.toml" };
     for (nth, name) in fleet::names(scenario).enumerate() {
@@ -146,6 +145,7 @@ fn agent_file(
 
 /// Starts a stand-in for every vehicle. Gives their addresses.
 fn start_standins(
+    command: &[&str],
     plan: &Plan,
     endpoints: &Endpoints,
     folder: &Path,
@@ -157,7 +157,8 @@ fn start_standins(
     let mut addresses = Vec::new();
     for (vehicle, start) in scenario.vehicle.iter().zip(&plan.ready.starts) {
         let aircraft = aircraft_file(endpoints, &vehicle.aircraft);
-        let arguments = standin_arguments(scenario, &origin, vehicle.id, start, first, &aircraft);
+        let options = standin_options(scenario, &origin, vehicle.id, start, first, &aircraft);
+        let arguments = command.iter().map(OsString::from).chain(options).collect();
         children.start(ProcessRole::Standin, vehicle.id, arguments, &log(folder, ProcessRole::Standin, vehicle.id))?;
         let port = ports::simulator(first, vehicle.id).ok_or(io::ErrorKind::AddrNotAvailable)?;
         addresses.push(format!("127.0.0.1:{port}"));
@@ -165,7 +166,7 @@ fn start_standins(
     Ok(addresses)
 }
 
-fn standin_arguments(
+fn standin_options(
     scenario: &Scenario,
     origin: &Origin,
     id: VehicleId,
@@ -190,7 +191,7 @@ fn standin_arguments(
         ("gust-w20-m-s", world.gust_w20_m_s.to_string()),
     ];
     let options = options.into_iter().flat_map(|(name, value)| [format!("--{name}").into(), value.into()]);
-    let whole = [OsString::from("standin"), "--until-unused".into(), "--aircraft".into(), aircraft.into()];
+    let whole = [OsString::from("--until-unused"), "--aircraft".into(), aircraft.into()];
     whole.into_iter().chain(options).collect()
 }
 
@@ -237,7 +238,8 @@ mod tests {
         let origin = Origin::new(scenario.origin.geodetic());
         let start = Start { north_m: -40.0, east_m: 30.0, heading_rad: -1.0 };
         let id = VehicleId::new(3).unwrap();
-        let arguments = standin_arguments(&scenario, &origin, id, &start, 50_000, Path::new("a.toml"));
+        let options = standin_options(&scenario, &origin, id, &start, 50_000, Path::new("a.toml"));
+        let arguments = [OsString::from("standin")].into_iter().chain(options);
         let StandinOptions {
             port,
             lat_deg,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use skein_agent::config::fleet;
-use skein_common::scenario::{Described, Loaded, PlantKind, Scenario};
+use skein_common::scenario::{Described, Loaded, PlantKind, Scenario, Simulator};
 
 use super::{FlyArgs, PlantArg};
 use crate::prepare::{Prepared, Target, prepare};
@@ -51,7 +51,8 @@ impl Plans {
         let described = as_named(args, args.scenario.read_any(sets(args)?)?)?;
         let refused = |why: String| Error::Refused(format!("{}: {why}", args.scenario.name()));
         fleet::check_size(described.all()).map_err(|why| refused(why.to_string()))?;
-        if matches!(described, Described::Fleet(_)) && described.first().scenario.swarm.plant == PlantKind::Xplane {
+        let simulator = described.first().scenario.swarm.plant.spec().simulator;
+        if matches!(described, Described::Fleet(_)) && simulator == Simulator::Given {
             return Err(refused("a fleet flies in the built-in plant or in stand-ins".to_owned()));
         }
         let mut trial = Trial::default();
@@ -79,15 +80,15 @@ impl Plan {
         let Prepared { ready, xplanes } = ready;
         let set = |key: &str, value: String| (key.to_owned(), value);
         let duration = args.duration_s.map(|duration_s| set("duration_s", duration_s.to_string()));
-        let plant = args.plant.map(|plant| set("swarm.plant", plant.name().to_owned()));
+        let plant = args.plant.map(|PlantArg(plant)| set("swarm.plant", plant.spec().name.to_owned()));
         let more: Vec<_> = plant.into_iter().chain(duration.clone()).collect();
         let mut again = args.scenario.command("fly", &more, Some(seed));
         if !args.xplane.is_empty() {
             let named: Vec<String> = args.xplane.iter().map(ToString::to_string).collect();
             again += &format!(" --xplane {}", quoted(&named.join(",")));
         }
-        let other_plant = scenario.swarm.plant != PlantKind::Builtin;
-        let built_in = other_plant.then(|| set("swarm.plant", PlantArg::Builtin.name().to_owned()));
+        let built_in = PlantKind::Builtin;
+        let built_in = (scenario.swarm.plant != built_in).then(|| set("swarm.plant", built_in.spec().name.to_owned()));
         let more: Vec<_> = built_in.into_iter().chain(duration).collect();
         let study = args.scenario.command("study", &more, None) + " --seeds 0..20";
         Self { ready, xplanes, out, again, study, loaded }
@@ -112,14 +113,14 @@ fn as_named(args: &FlyArgs, described: Described) -> Result<Described, Error> {
 
 /// The options that are another spelling of a `--set`.
 pub(super) fn sets(args: &FlyArgs) -> Result<Vec<String>, Error> {
-    let plant = match (args.plant, args.xplane.is_empty()) {
-        (Some(PlantArg::Builtin | PlantArg::Standin), false) => {
+    let plant = match (args.plant.map(|PlantArg(plant)| plant), args.xplane.is_empty()) {
+        (Some(plant), false) if plant != PlantKind::Xplane => {
             return Err(Error::Refused("--xplane gives the address of X-Plane: use it with --plant xplane".to_owned()));
         }
-        (None, false) => Some(PlantArg::Xplane),
+        (None, false) => Some(PlantKind::Xplane),
         (plant, _) => plant,
     };
-    let plant = plant.map(|plant| format!("swarm.plant={}", plant.name()));
+    let plant = plant.map(|plant| format!("swarm.plant={}", plant.spec().name));
     let seed = args.seed.map(|seed| format!("seed={seed}"));
     let duration = args.duration_s.map(|duration_s| format!("duration_s={duration_s}"));
     Ok([plant, seed, duration].into_iter().flatten().collect())
@@ -143,7 +144,7 @@ mod tests {
         let args = FlyArgs {
             seed: Some(7),
             duration_s: Some(20.5),
-            plant: Some(PlantArg::Standin),
+            plant: Some(PlantArg(PlantKind::Standin)),
             out: Some(folder.path().join("run")),
             ..args(&["seed=1", "duration_s=9"])
         };
@@ -183,7 +184,7 @@ mod tests {
         let error = Plans::new(&args).unwrap_err();
         assert_eq!((error.to_string(), error.exit_code()), (simulators::ask(&address).unwrap_err().to_string(), 1));
         assert!(!folder.path().join("run").exists());
-        let against = FlyArgs { plant: Some(PlantArg::Builtin), ..args };
+        let against = FlyArgs { plant: Some(PlantArg(PlantKind::Builtin)), ..args };
         assert_eq!(Plans::new(&against).unwrap_err().exit_code(), 2);
     }
 }

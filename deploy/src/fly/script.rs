@@ -5,7 +5,7 @@ use std::fmt;
 use std::ops::Range;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::{EventAction, Fault, PlantKind, Scenario, ScriptedEvent};
+use skein_common::scenario::{EventAction, Fault, PlantKind, PlayedFailures, Scenario, ScriptedEvent};
 use skein_core::impairments::{lasting, union};
 
 use crate::os;
@@ -55,7 +55,7 @@ enum Player {
 
 impl Player {
     fn of(fault: &Fault, plant: PlantKind) -> Self {
-        match (fault, plant) {
+        match (fault, plant.spec().failures) {
             (Fault::Kill { .. }, _) => Self::Launcher,
             (Fault::Cut { .. } | Fault::Delay { .. }, _) => Self::Agent,
             // Agents measure time by a monotonic clock, which cannot be set.
@@ -64,8 +64,8 @@ impl Player {
             (Fault::KillControl, _) => Self::Unsupported,
             // A live agent publishes each state once, for its own team and for the others.
             (Fault::Isolate { .. }, _) => Self::Unsupported,
-            (_, PlantKind::Builtin) => Self::Agent,
-            (Fault::SimulatorFreeze { .. }, PlantKind::Standin) if os::CAN_FREEZE => Self::Launcher,
+            (_, PlayedFailures::All) => Self::Agent,
+            (Fault::SimulatorFreeze { .. }, PlayedFailures::Freeze) if os::CAN_FREEZE => Self::Launcher,
             _ => Self::Unsupported,
         }
     }
@@ -100,11 +100,7 @@ pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
 
 /// Events that `fly` cannot produce on the scenario's plant, a sentence each.
 pub fn skipped(scenario: &Scenario) -> Vec<String> {
-    let plant = match scenario.swarm.plant {
-        PlantKind::Builtin => "the built-in plant",
-        PlantKind::Standin => "the stand-in",
-        PlantKind::Xplane => "X-Plane",
-    };
+    let plant = scenario.swarm.plant.spec().title;
     let sentence = |(event, fault): (&ScriptedEvent, &Fault)| {
         let why = match fault {
             Fault::ClockJump { .. } => "agents in real time use a clock that cannot be set".to_owned(),

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 use skein_common::message::Verb;
-use skein_common::scenario::{PlantKind, Scenario, Target};
+use skein_common::scenario::{Scenario, Simulator, Target};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::faults::{OperatorOrder, orders};
@@ -172,9 +172,9 @@ fn one(args: &FlyArgs, run: &PlannedRun<'_>, interrupts: &Interrupts) -> Result<
     let (seed, out) = (Some(run.seed), Some(run.folder()));
     let args = FlyArgs { seed, out, runs: None, ..args.clone() };
     let scenario = args.scenario.read(sets(&args)?)?.scenario;
-    let x_planes = match scenario.swarm.plant {
-        PlantKind::Xplane => simulators::addresses(&scenario, &args.xplane)?,
-        PlantKind::Builtin | PlantKind::Standin => Vec::new(),
+    let x_planes = match scenario.swarm.plant.spec().simulator {
+        Simulator::Given => simulators::addresses(&scenario, &args.xplane)?,
+        Simulator::Inside | Simulator::Launched { .. } => Vec::new(),
     };
     let plans = match ready(&x_planes).and_then(|()| Plans::new(&args)) {
         Ok(plans) => plans,

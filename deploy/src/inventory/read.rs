@@ -48,7 +48,7 @@ const KEYS: &[Key] = keys! {
         "host", Kind::Text, "what `ssh` takes";
         "user", Kind::Text, "user who logs in there; default: according to ssh's own configuration";
         "address", Kind::Text, "where peers reach it: an IP address or a name; default: the host, if that is an IP address";
-        "plant", Kind::OneOf(&["builtin", "standin", "xplane"]), "the plant that it flies; default: that of the scenario";
+        "plant", Kind::OneOf(PlantKind::NAMES), "the plant that it flies; default: that of the scenario";
         "xplane", Kind::Text, "HOST[:PORT] of its simulator as seen from its host";
         "install", Kind::OneOf(&["ssh", "manual"]), "manual: a folder to carry there";
         "binary", Kind::Text, "the program for its platform, if it is not the program that runs here";
@@ -253,12 +253,7 @@ impl Reader<'_> {
                 }
             },
         };
-        let plant = match self.value("plant").as_deref() {
-            Some("builtin") => PlantKind::Builtin,
-            Some("standin") => PlantKind::Standin,
-            Some("xplane") => PlantKind::Xplane,
-            _ => scenario.swarm.plant,
-        };
+        let plant = self.value("plant").and_then(|name| PlantKind::named(&name)).unwrap_or(scenario.swarm.plant);
         let binary = self.value("binary").map(|binary| folder.join(binary));
         Ok(Node {
             id: self.id,
@@ -287,14 +282,14 @@ impl Reader<'_> {
         let expected = "HOST[:PORT] of a simulator";
         let stated =
             self.checked("xplane", expected, |text| !text.starts_with('-') && text.parse::<HostPort>().is_ok())?;
-        if plant != PlantKind::Builtin {
+        if plant.spec().has_address() {
             return Ok(stated.or_else(|| scenario.vehicle(self.id.vehicle)?.xplane.clone()));
         }
         let own = format!("{}.xplane", table_of(self.id));
         match self.written.get(&own) {
             Some(_) => Err(self.written.fault(
                 &own,
-                format!("`{own}` has no effect with plant = \"builtin\"; delete it"),
+                format!("`{own}` has no effect with plant = \"{}\"; delete it", plant.spec().name),
                 None,
             )),
             None => Ok(None),

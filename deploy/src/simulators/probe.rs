@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use skein_agent::config::{listen_for, simulator};
 use skein_agent::plant::xplane::XPlane;
+use skein_agent::plant::xplane::{listen_for, simulator};
 use skein_common::frame::{Geodetic, Origin};
 use skein_core::aircraft::Profile;
 use skein_core::helicopter::TICK_S;

@@ -7,12 +7,12 @@ use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use ring::rand::{SecureRandom, SystemRandom};
-use skein_agent::config::{listen_for, simulator};
 use skein_agent::plant::xplane::wire::dref::Write;
 use skein_agent::plant::xplane::wire::operation::Command;
 use skein_agent::plant::xplane::wire::prel::Placement;
 use skein_agent::plant::xplane::wire::rpos::{self, Position, PositionRequest};
 use skein_agent::plant::xplane::wire::rref::{self, DatarefRequest};
+use skein_agent::plant::xplane::{listen_for, simulator};
 use skein_host::clock;
 use skein_lab::error::Error;
 

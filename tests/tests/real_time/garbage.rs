@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use skein_agent::config::{Node, PlantChoice};
+use skein_agent::config::Node;
 use skein_agent::link::{Security, Sessions};
+use skein_agent::plant::PlantChoice;
 use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
 use skein_agent::plant::xplane::wire::prel::Placement;

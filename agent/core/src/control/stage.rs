@@ -2,7 +2,7 @@
 
 use alloc::boxed::Box;
 
-use skein_common::scenario::{ModelKind, Scenario};
+use skein_common::scenario::{CommandKind, Scenario};
 
 use super::{
     ControlFault, ControlOutput, Gains, Rules, Trim, VehicleController, VelocityController,
@@ -11,7 +11,7 @@ use crate::estimate::Estimate;
 use crate::plant::{Command, Controls};
 use crate::setpoint::{CollectiveLimit, Setpoint};
 
-/// The controller of a vehicle, of the kind that the scenario's `plant.model` needs.
+/// The controller of a vehicle, for the kind of command that its plant takes.
 #[derive(Clone, Debug)]
 pub enum Controller {
     /// Gives the controls of a helicopter.
@@ -32,11 +32,11 @@ pub struct StageOutput {
 impl Controller {
     /// A controller that has not commanded anything yet. `rules`, `trim` and `gains` are those of a helicopter.
     pub fn new(scenario: &Scenario, rules: Rules, trim: Trim, gains: Gains) -> Self {
-        match scenario.plant.model {
-            ModelKind::Helicopter => {
+        match scenario.swarm.plant.spec().command_for(scenario.plant.model) {
+            Some(CommandKind::Controls) | None => {
                 Self::Helicopter(Box::new(VehicleController::new(rules, trim, gains, scenario.control.auto_trim)))
             }
-            ModelKind::PointMass => Self::PointMass(VelocityController::default()),
+            Some(CommandKind::Velocities) => Self::PointMass(VelocityController::default()),
         }
     }
 

@@ -16,7 +16,7 @@ use alloc::vec::Vec;
 
 use nalgebra::Vector2;
 use skein_common::frame::PositionNed;
-use skein_common::scenario::{self, PlantKind, Scenario, StaticObstacle, Target};
+use skein_common::scenario::{self, Scenario, StaticObstacle, Target};
 
 use super::safety::Constraint;
 
@@ -143,7 +143,7 @@ pub(super) fn check(scenario: &Scenario, extent_m: impl Fn(&scenario::Formation)
             ));
         }
         // Where the ground is known: it is flat, at the height of the origin.
-        let is_flat = matches!(scenario.swarm.plant, PlantKind::Builtin | PlantKind::Standin);
+        let is_flat = scenario.swarm.plant.spec().is_ground_flat;
         if let Some(floor_m) = settings.floor_above_ground_m.filter(|floor_m| is_flat && altitude_m < *floor_m) {
             return Err(format!(
                 "mission.steps[{nth}]: formation.altitude_m is {altitude_m}, below airspace.floor_above_ground_m, which is \

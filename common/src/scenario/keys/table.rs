@@ -9,7 +9,7 @@ use super::Kind::{
 use super::Literal::{Bool, Nothing, Required, Same};
 use super::{Key, Kind, Literal, Range, Removed};
 use crate::scenario::law;
-use crate::scenario::model::TunableKey;
+use crate::scenario::model::{PlantKind, TunableKey};
 
 const fn key(path: &'static str, kind: Kind, default: Literal, about: &'static str) -> Key {
     Key::new(path, kind, default, about)
@@ -65,7 +65,7 @@ pub const KEYS: &[Key] = &[
         "number of vehicles; their ids are 1 to this number, at most 250 because MAVLink has no more").unit_is("vehicles"),
     key("swarm.name", Name, Same("name"),
         "namespace of all messages: two swarms on one network need two names"),
-    key("swarm.plant", OneOf(&["builtin", "standin", "xplane"]), text("builtin"),
+    key("swarm.plant", OneOf(PlantKind::NAMES), text("builtin"),
         "what is flown: the flight model inside the agent, the same model behind X-Plane's UDP protocol (\"standin\"), or X-Plane; \
          \"builtin\" needs nothing else installed"),
     key("swarm.aircraft", TomlName, text("xcell60"),

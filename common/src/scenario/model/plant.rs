@@ -14,6 +14,141 @@ pub enum PlantKind {
     Xplane,
 }
 
+/// What everything outside a plant's own module has to know of one kind of plant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlantSpec {
+    /// The kind.
+    pub kind: PlantKind,
+    /// Its spelling in scenarios, cluster files and on the command line; [`PlantKind`] is serialised as the same.
+    pub name: &'static str,
+    /// Its name in sentences.
+    pub title: &'static str,
+    /// What it is, as the help of the command line explains it.
+    pub help: &'static str,
+    /// Where its simulator runs.
+    pub simulator: Simulator,
+    /// The models that fly in it, each with the commands that it takes.
+    pub models: &'static [(ModelKind, CommandKind)],
+    /// The failures of vehicle and simulator that it plays in real time.
+    pub failures: PlayedFailures,
+    /// Whether its ground is flat, at the height of the origin.
+    pub is_ground_flat: bool,
+    /// Whether a vehicle may begin where its simulator has it, `start.pattern = "as_is"`.
+    pub has_own_start: bool,
+}
+
+/// Where the simulator of a plant runs. It decides who starts it, and whether it has an address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Simulator {
+    /// Inside the agent: it has no address, and the aircraft needs a flight model.
+    Inside,
+    /// In a process that `skein fly` starts for each vehicle. On a cluster users start it; `check` asks it where a node names
+    /// its address.
+    Launched {
+        /// The arguments of `skein` that start it, before its options.
+        command: &'static [&'static str],
+    },
+    /// In a program that users start before the flight: `fly` and `check` ask each vehicle's for an answer.
+    Given,
+}
+
+/// The kind of command that a plant takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CommandKind {
+    /// Positions of a helicopter's controls.
+    Controls,
+    /// Velocities.
+    Velocities,
+}
+
+/// The failures of vehicle and simulator that a plant plays in real time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PlayedFailures {
+    /// All of them; the agent plays them.
+    All,
+    /// A simulator that stands still; `fly` stops its process.
+    Freeze,
+    /// None.
+    Nothing,
+}
+
+/// Every kind of plant, in the order of [`PlantKind`].
+const SPECS: &[PlantSpec] = &[
+    PlantSpec {
+        kind: PlantKind::Builtin,
+        name: "builtin",
+        title: "the built-in plant",
+        help: "The helicopter inside the agent",
+        simulator: Simulator::Inside,
+        models: &[(ModelKind::Helicopter, CommandKind::Controls), (ModelKind::PointMass, CommandKind::Velocities)],
+        failures: PlayedFailures::All,
+        is_ground_flat: true,
+        has_own_start: false,
+    },
+    PlantSpec {
+        kind: PlantKind::Standin,
+        name: "standin",
+        title: "the stand-in",
+        help: "The same helicopter behind X-Plane's UDP protocol",
+        simulator: Simulator::Launched { command: &["standin"] },
+        models: &[(ModelKind::Helicopter, CommandKind::Controls)],
+        failures: PlayedFailures::Freeze,
+        is_ground_flat: true,
+        has_own_start: false,
+    },
+    PlantSpec {
+        kind: PlantKind::Xplane,
+        name: "xplane",
+        title: "X-Plane",
+        help: "X-Plane",
+        simulator: Simulator::Given,
+        models: &[(ModelKind::Helicopter, CommandKind::Controls)],
+        failures: PlayedFailures::Nothing,
+        is_ground_flat: false,
+        has_own_start: true,
+    },
+];
+
+impl PlantKind {
+    /// The names of all kinds.
+    pub const NAMES: &[&str] = &{
+        let mut names = [""; SPECS.len()];
+        let mut nth = 0;
+        while nth < names.len() {
+            names[nth] = SPECS[nth].name;
+            nth += 1;
+        }
+        names
+    };
+
+    /// All kinds.
+    pub fn all() -> impl Iterator<Item = Self> {
+        SPECS.iter().map(|spec| spec.kind)
+    }
+
+    /// What is to be known of this kind.
+    pub fn spec(self) -> &'static PlantSpec {
+        &SPECS[self as usize]
+    }
+
+    /// The kind with this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::all().find(|kind| kind.spec().name == name)
+    }
+}
+
+impl PlantSpec {
+    /// The kind of command that it takes for this model; `None` if the model does not fly in it.
+    pub fn command_for(&self, model: ModelKind) -> Option<CommandKind> {
+        self.models.iter().find(|(flown, _)| *flown == model).map(|(_, command)| *command)
+    }
+
+    /// Whether its simulator has an address.
+    pub fn has_address(&self) -> bool {
+        self.simulator != Simulator::Inside
+    }
+}
+
 /// The model of the built-in plant, and how X-Plane is used, `[plant]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VehicleModel {
@@ -70,5 +205,20 @@ impl PointMassLimits {
     /// [`PointMassLimits::max_turn_deg_s`] in radians per second.
     pub fn max_turn_rad_s(&self) -> f64 {
         self.max_turn_deg_s.to_radians()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_of_plant_has_its_own_spec_under_its_serialised_name() {
+        for (kind, name) in PlantKind::all().zip(PlantKind::NAMES) {
+            assert_eq!((kind.spec().kind, kind.spec().name, PlantKind::named(name)), (kind, *name, Some(kind)));
+            assert_eq!(toml::Value::try_from(kind).unwrap().as_str(), Some(*name));
+            assert!(kind.spec().command_for(ModelKind::Helicopter).is_some(), "the default model flies in every plant");
+        }
+        assert_eq!(PlantKind::named("boat"), None);
     }
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use skein_agent::config::fleet;
 use skein_agent::link::signature::VerificationKey;
 use skein_common::id::VehicleName;
-use skein_common::scenario::{self, ModelKind, PlantKind, Scenario, Source};
+use skein_common::scenario::{self, ModelKind, Scenario, Simulator, Source};
 use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
 use toml::Value as Toml;
@@ -101,13 +101,14 @@ impl Bundle {
         for (id, vehicle) in fleet::names(scenario).zip(&scenario.vehicle) {
             let name = &vehicle.aircraft;
             let (aircraft, text) = aircraft_of(vehicle, from, &inventory.scenario_path.display().to_string())?;
-            let plant = inventory.nodes.get(&id).map(|node| node.plant);
-            if scenario.plant.model == ModelKind::PointMass {
-                if let Some(other) = plant.filter(|&plant| plant != PlantKind::Builtin) {
-                    let why = format!("vehicle {id}: `plant.model` = \"point_mass\" needs the built-in plant");
-                    return Err(refused(format!("{why}, but its node has plant = \"{}\"", self::plant(other))));
-                }
-            } else if plant == Some(PlantKind::Builtin) && aircraft.helicopter.is_none() {
+            let plant = inventory.nodes.get(&id).map(|node| node.plant.spec());
+            let other = plant.filter(|plant| plant.command_for(scenario.plant.model).is_none());
+            if let Some(other) = other {
+                let why = format!("vehicle {id}: `plant.model` = \"point_mass\" needs the built-in plant");
+                return Err(refused(format!("{why}, but its node has plant = \"{}\"", other.name)));
+            }
+            let needs_model = plant.is_some_and(|plant| plant.simulator == Simulator::Inside);
+            if needs_model && scenario.plant.model == ModelKind::Helicopter && aircraft.helicopter.is_none() {
                 return Err(refused(format!("vehicle {id}: only X-Plane can fly the aircraft \"{name}\"")));
             }
             // Shipped aircraft are part of the program.
@@ -245,7 +246,7 @@ fn read(path: &Path) -> Result<Vec<u8>, String> {
 
 /// Makes the agent's configuration file.
 fn agent_toml(inventory: &Inventory, node: &Node) -> String {
-    let (swarm, plant) = (&inventory.swarm, plant(node.plant));
+    let (swarm, plant) = (&inventory.swarm, node.plant.spec().name);
     let id = node.id.quoted();
     let listen = Toml::from(vec![node.endpoint(inventory.security)]);
     let dial = Toml::from(inventory.dialled_by(node.id));
@@ -293,13 +294,4 @@ fn cluster_toml(inventory: &Inventory) -> String {
         text.extend(entries.into_iter().filter_map(line));
     }
     text
-}
-
-/// The name of the plant in configuration files.
-fn plant(plant: PlantKind) -> &'static str {
-    match plant {
-        PlantKind::Builtin => "builtin",
-        PlantKind::Standin => "standin",
-        PlantKind::Xplane => "xplane",
-    }
 }

@@ -60,7 +60,7 @@ fn an_agent_can_start_with_the_files_of_its_node() {
     assert_eq!(node.dial, ["tls/10.0.0.11:7447"], "one of each pair dials");
     assert_eq!(node.scenario.swarm.name.as_str(), "lab");
     let standin = (std::net::Ipv4Addr::LOCALHOST, wire::PORT).into();
-    assert!(matches!(node.plant, skein_agent::config::PlantChoice::Standin(address) if address == standin));
+    assert!(matches!(node.plant, skein_agent::plant::PlantChoice::Standin(address) if address == standin));
     for (path, file) in &bundle.files {
         assert_eq!(file.is_secret, path.ends_with(".key"), "{path}");
     }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::thread;
 
 use skein_common::id::VehicleName;
-use skein_common::scenario::PlantKind;
+use skein_common::scenario::Simulator;
 
 use super::clock;
 use super::ports::{Agent, Calls};
@@ -172,10 +172,10 @@ impl HostChecks<'_> {
     }
 
     fn simulator(&self, host: &Host, node: &Node) -> Option<Line> {
-        let address = match (node.plant, &node.xplane) {
-            (PlantKind::Builtin, _) | (PlantKind::Standin, None) => return None,
+        let address = match (node.plant.spec().simulator, &node.xplane) {
+            (Simulator::Inside, _) | (Simulator::Launched { .. }, None) => return None,
             (_, Some(address)) => address.clone(),
-            (PlantKind::Xplane, None) => "127.0.0.1".to_owned(),
+            (Simulator::Given, None) => "127.0.0.1".to_owned(),
         };
         match self.remote().ask(host, node, Ask::Simulator { address: address.clone() }) {
             Ok(Answer::Simulator(Ok(found))) => Some(Line::of(node, "X-Plane", found)),
