@@ -5,9 +5,6 @@ use skein_lab::metrics::Report;
 
 use crate::{in_parallel, study};
 
-/// The laws of the table.
-pub const LAWS: [&str; 6] =
-    ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
 /// The numbers of vehicles of the table.
 pub const VEHICLES: [usize; 3] = [4, 8, 16];
 

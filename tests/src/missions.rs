@@ -12,6 +12,7 @@ use skein_common::message::{EventKind, Failure};
 use skein_common::scenario::{EventAction, Fault, Scenario, Source, load};
 use skein_common::state::Activity;
 use skein_core::agent::Agent;
+use skein_core::formation::laws::built_in;
 use skein_core::random::{self, Purpose};
 use skein_lab::metrics::{AIRBORNE_ABOVE_M, COLLISION_M, Metrics, Run};
 use skein_lab::study::measure;
@@ -27,8 +28,6 @@ const STRONGEST_M_S: f64 = 10.0;
 const MOST_RADIUS_M: f64 = 110.0;
 /// Distance of a fence from the centre's places with which the widest formation is inside, with the airspace's margin, m.
 const FENCE_M: f64 = MOST_RADIUS_M + 30.0;
-/// The laws that fly without a program of their own.
-const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
 const STARTS: [&str; 3] = ["random", "ring", "line"];
 /// Names of the faults, in the order in which they are drawn.
 const FAULTS: [&str; 9] =
@@ -158,7 +157,7 @@ fn random_keys(draws: &mut Draws, vehicles: u8) -> Vec<String> {
     // The area of a flock has room for all vehicles at the distance that its law keeps.
     let least_radius_m = 20.0 + 15.0 * f64::from(vehicles).sqrt();
     let mut keys = vec![
-        format!("formation.law = \"{}\"", draws.one_of(&LAWS)),
+        format!("formation.law = \"{}\"", draws.one_of(&built_in())),
         format!("formation.radius_m = {:.0}", draws.between(least_radius_m, MOST_RADIUS_M)),
         format!("formation.altitude_m = {:.0}", draws.between(15.0, 60.0)),
         format!("start.pattern = \"{}\"", draws.one_of(&STARTS)),

@@ -9,6 +9,7 @@ use skein_common::id::VehicleId;
 use skein_common::message::{EventKind, Failure};
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Activity;
+use skein_core::formation::laws::built_in;
 use skein_core::random::{self, Purpose};
 use skein_lab::metrics::Report;
 use skein_lab::world::World;
@@ -27,7 +28,6 @@ const NEARING_M_S: f64 = 1.0;
 /// The wind of the strongest flights, m/s.
 pub const STRONGEST_M_S: f64 = 10.0;
 
-const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
 const STARTS: [&str; 3] = ["random", "ring", "line"];
 
 /// Result of one flight without faults.
@@ -65,7 +65,8 @@ pub fn scenario(seed: u64, wind_m_s: f64) -> Scenario {
     let wind_m_s = uniform(0.0, wind_m_s);
     let gust_w20_m_s = uniform(0.0, wind_m_s.max(1.0));
     let from_deg = uniform(0.0, TAU).to_degrees();
-    let law = LAWS[uniform(0.0, LAWS.len() as f64) as usize];
+    let laws = built_in();
+    let law = laws[uniform(0.0, laws.len() as f64) as usize];
     let start = STARTS[uniform(0.0, STARTS.len() as f64) as usize];
     let radius_m = uniform(40.0, 100.0);
     let higher_m = uniform(3.5 - altitude_m, 30.0).max(-15.0) + altitude_m;

@@ -4,6 +4,7 @@ use std::fs;
 use std::process::ExitCode;
 
 use clap::Parser;
+use skein_core::formation::laws::built_in;
 use skein_tests::{
     central, central_summary, conversion, divergence, faults, fit, fleets, formation_error, golden, halves, laws,
     missions, tour, variants, wind, wire, world,
@@ -103,7 +104,7 @@ fn main() -> ExitCode {
             Table::Faults => faults::table(&[4, 8], seeds),
             Table::Halves => halves::table(seeds),
             Table::Golden => write_golden(),
-            Table::Laws => laws::markdown(&laws::LAWS, &laws::VEHICLES, seeds),
+            Table::Laws => laws::markdown(&built_in(), &laws::VEHICLES, seeds),
             #[cfg(target_os = "linux")]
             Table::OnePc => skein_tests::one_pc::table(),
             Table::Missions { first } => missions::table(first..first + seeds),

@@ -10,6 +10,7 @@ use skein_core::agent::{Agent, Inputs};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::formation::Workspace;
+use skein_core::formation::laws::built_in;
 use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
 use skein_core::peers::Broadcast;
 use skein_core::plant::{Command, Measurement, PlantStatus};
@@ -18,7 +19,6 @@ use skein_lab::metrics::{Report, Run};
 use skein_lab::recording::{Recording, Step};
 use skein_tests::{of_scenario, scenario};
 
-const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
 /// Half the length of the square fence, m: through the ring of 100 m.
 const FENCE_M: f64 = 80.0;
 
@@ -42,7 +42,7 @@ fn steps(recording: &Recording) -> impl Iterator<Item = &Step> {
 
 #[test]
 fn every_law_keeps_a_fence_through_its_formation_in_wind() {
-    for law in LAWS {
+    for law in built_in() {
         let law_set = format!("formation.law={law}");
         let sets = [&law_set, "world.wind_m_s=8", "world.gust_w20_m_s=3", "duration_s=60", "start.square_m=100"];
         let (report, recording) = flown(&sets, None, Some(FENCE_M));

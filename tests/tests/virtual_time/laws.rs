@@ -2,6 +2,7 @@
 
 use std::num::NonZeroUsize;
 
+use skein_core::formation::laws::built_in;
 use skein_core::formation::slots::Slots;
 use skein_lab::metrics::Report;
 use skein_lab::world::World;
@@ -25,6 +26,7 @@ fn under_every_law_eight_vehicles_follow_the_centre() {
         ("virtual-structure", 90.0, 7.0),
         ("displacement-consensus", 90.0, 7.0),
     ];
+    assert_eq!(limits.map(|(law, ..)| law)[..], built_in(), "every law has limits");
     for (law, farthest_m, nearest_m) in limits {
         for report in follow(&[&format!("formation.law={law}")]) {
             let seed = report.run.seed;

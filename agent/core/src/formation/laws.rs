@@ -28,6 +28,11 @@ const BUILT_IN: &[(&str, MakeLaw)] = &[
     ("displacement-consensus", displacement_consensus::make),
 ];
 
+/// The names of Skein's own laws. Tests take them from here, so that they fly a new law too.
+pub fn built_in() -> Vec<&'static str> {
+    BUILT_IN.iter().map(|(name, _)| *name).collect()
+}
+
 /// Laws that a program adds to those of Skein.
 #[derive(Clone, Debug, Default)]
 pub struct Laws(Vec<(&'static str, MakeLaw)>);

@@ -127,8 +127,6 @@ fn the_filter_includes_the_feedforward_and_ignores_vehicles_far_above() {
     assert!(free.setpoint.relative_velocity_ne_m_s.norm() < 1e-6);
 }
 
-const LAWS: [&str; 6] = ["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus"];
-
 /// Coordinates that often coincide with another vehicle's and are often far away.
 fn coordinate_m() -> impl Strategy<Value = f64> {
     prop_oneof![Just(0.0), Just(1e-9), -1.0..1.0, -200.0..200.0, -1e5..1e5]
@@ -146,7 +144,7 @@ proptest! {
     /// Alone, coincident, with unusual ranks, with an impossible peer: every law stays finite.
     #[test]
     fn every_law_gives_finite_bounded_outputs_for_any_observation(
-        law in select(&LAWS[..]), pattern in select(&["circle", "line", "v", "grid"][..]),
+        law in select(laws::built_in()), pattern in select(&["circle", "line", "v", "grid"][..]),
         mut peers in prop::collection::vec(any_member(), 0..8), own in (coordinate_m(), coordinate_m()),
         speed in -300.0..300.0, centre in -5.0..5.0, dt_s in select(&[0.0, 0.02, 1e6][..]),
     ) {
@@ -235,7 +233,7 @@ fn ground_m(north_m: f64) -> f64 {
 #[test]
 fn under_every_law_a_vehicle_keeps_the_floor_above_a_hill_and_lands_below_it() {
     let on_ellipsoid = "law = 'ring'\nvertical = 'ellipsoid'\nradius_m = 20\ninner_width_m = 10".to_owned();
-    for law in LAWS.iter().map(|law| format!("law = '{law}'")).chain([on_ellipsoid]) {
+    for law in laws::built_in().iter().map(|law| format!("law = '{law}'")).chain([on_ellipsoid]) {
         let lines = |floor: &str| format!("{law}\naltitude_m = 30\n[airspace]\nceiling_m = 60\n{floor}");
         let (mut kept, mut without) = (formation(&lines("floor_above_ground_m = 15")), formation(&lines("")));
         // North over the hill at 4 m/s, after the setpoint with a lag of 1 s.
