@@ -157,6 +157,8 @@ fn files_of_earlier_releases_are_read_or_refused_with_a_remedy() {
         for path in entries(&folder) {
             let Some(read) = read(&path) else { continue };
             let result = read.unwrap_or_else(|error| format!("refused: {error}"));
+            // A release with a new number reads them alike.
+            let result = result.replace(&format!("this one is {}", skein_lab::VERSION), "this one is [VERSION]");
             let name = path.file_name().unwrap().to_str().unwrap();
             let _ = writeln!(given, "{name}: {}", result.replace(&format!("{}/", folder.display()), ""));
         }
