@@ -1,25 +1,25 @@
 //! `skein check`: reports what would prevent a flight. It checks a scenario and prints every value with its origin, or
-//! checks a cluster, or asks an X-Plane.
+//! checks a cluster, or this PC. `skein xplane check` asks an X-Plane.
 
+mod pc;
 pub(crate) mod xplane;
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use serde_json::json;
 
-use skein_common::scenario::{ControlMode, Explained, Loaded, Scenario, Vehicle};
-use skein_core::aircraft::Profile;
+use skein_common::scenario::{ControlMode, Explained, Loaded, Scenario};
 use skein_core::formation::room;
 use skein_core::hover::{self, Hover};
 
 use skein_agent::config::fleet;
 
 use crate::cluster;
+use crate::cluster::nodes::is_seconds;
 use crate::fly::script;
 use crate::inventory::find;
 use crate::prepare::{self as flight, Prepared, Target};
-use crate::simulators::HostPort;
-use crate::simulators::web::WebChoice;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::prepare;
@@ -28,7 +28,7 @@ use skein_lab::scenario::{Ready, ScenarioArgs};
 /// `skein check`
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  skein check --set formation.radius_m=50\n  skein check -f cluster.toml\n  skein check --xplane 127.0.0.1:49000"
+    after_help = "Examples:\n  skein check --set formation.radius_m=50\n  skein check -f cluster.toml\n  skein check --pc"
 )]
 pub struct CheckArgs {
     /// The scenario.
@@ -39,63 +39,38 @@ pub struct CheckArgs {
     /// folder, if there is one; otherwise the shipped hover scenario
     #[arg(short = 'f', long = "file", value_name = "CLUSTER.toml", conflicts_with_all = ["scenario", "sets"])]
     pub file: Option<PathBuf>,
-    /// An X-Plane: whether it answers, its frames, datarefs, overrides and state, each fault with its remedy. With a scenario
-    /// its aircraft and origin count
-    #[arg(long, value_name = "HOST[:PORT]", conflicts_with = "file")]
-    pub xplane: Option<HostPort>,
-    /// With --xplane: its Web API, or off; without it that of vehicle.N.web, or of this PC if the X-Plane is on this PC
-    #[arg(long, value_name = "HOST[:PORT]", requires = "xplane")]
-    pub web: Option<WebChoice>,
-    /// With --xplane: a file for all that was found and a minute of datagrams, to be sent with a question
-    #[arg(long, value_name = "FILE", requires = "xplane")]
-    pub report: Option<PathBuf>,
+    /// This PC, for any scenario: ports, firewall, cores, clock, limits, disk, X-Plane's beacon, each fault with its remedy
+    #[arg(long, conflicts_with_all = ["scenario", "sets", "file"])]
+    pub pc: bool,
+    /// With --pc: how long to listen to X-Plane's beacon, s
+    #[arg(long, value_name = "S", default_value_t = 2.0, value_parser = is_seconds, requires = "pc")]
+    pub wait: f64,
     /// Print it as JSON; of a scenario with what each key means
     #[arg(long)]
     pub json: bool,
 }
 
 /// Prints the results. For a scenario these are every value with its origin; then, on stderr, the events that `fly`
-/// would skip and whatever would prevent a flight: the check starts the external law and asks the X-Planes. With `--xplane` it
-/// checks that X-Plane only. With nothing given, it checks the cluster of this folder if there is one.
+/// would skip and whatever would prevent a flight: the check starts the external law and asks the X-Planes. With nothing
+/// given, it checks the cluster of this folder if there is one.
 ///
 /// # Errors
 /// If a file is wrong, the scenario is not supported in flight, or anything else would prevent a flight.
 pub fn run(args: &CheckArgs) -> Result<(), Error> {
-    let names_a_scenario = args.scenario.scenario.is_some() || !args.scenario.sets.is_empty();
-    match (&args.file, &args.xplane) {
-        (_, Some(simulator)) => {
-            let (scenario, profile) = flown(args)?;
-            let web = WebChoice::or_of(args.web.as_ref(), web_of(&scenario, simulator), simulator);
-            let scenario = names_a_scenario.then_some(&scenario);
-            let looked_at = xplane::LookedAt { profile: &profile, scenario, web: &web };
-            xplane::run(simulator, &looked_at, args.json, args.report.as_deref())
-        }
-        (Some(file), None) => cluster::check::run(file, args.json),
-        (None, None) if names_a_scenario => scenario(args),
-        (None, None) => match find::unnamed() {
-            Some(cluster) => {
-                skein_lab::terminal::complain(&format!("checks {cluster}; `skein check SCENARIO` checks a scenario"));
-                cluster::check::run(&cluster.path, args.json)
-            }
-            None => scenario(args),
-        },
+    if args.pc {
+        return pc::run(Duration::from_secs_f64(args.wait), args.json);
     }
-}
-
-/// The scenario, and the datarefs of its first vehicle's aircraft.
-fn flown(args: &CheckArgs) -> Result<(Scenario, Profile), Error> {
-    let described = args.scenario.read_any(Vec::new())?;
-    let scenario = described.first().scenario.clone();
-    let ready = args.scenario.ready(&scenario)?;
-    let profile = ready.aircraft.into_iter().next().map(|aircraft| aircraft.xplane).unwrap_or_default();
-    Ok((scenario, profile))
-}
-
-/// Where the scenario has the Web API of the X-Plane of one of its vehicles.
-fn web_of<'a>(scenario: &'a Scenario, simulator: &HostPort) -> Option<&'a str> {
-    let address = simulator.to_string();
-    let its = |vehicle: &&Vehicle| vehicle.xplane.as_ref() == Some(&address);
-    scenario.ids().filter_map(|id| scenario.vehicle(id)).find(its)?.web.as_deref()
+    if let Some(file) = &args.file {
+        return cluster::check::run(file, args.json);
+    }
+    let names_a_scenario = args.scenario.scenario.is_some() || !args.scenario.sets.is_empty();
+    match if names_a_scenario { None } else { find::unnamed() } {
+        Some(cluster) => {
+            skein_lab::terminal::complain(&format!("checks {cluster}; `skein check SCENARIO` checks a scenario"));
+            cluster::check::run(&cluster.path, args.json)
+        }
+        None => scenario(args),
+    }
 }
 
 fn scenario(args: &CheckArgs) -> Result<(), Error> {
@@ -147,17 +122,17 @@ fn lines(teams: &[Loaded]) -> Vec<Explained> {
 
 /// Checks whether the scenario can fly.
 pub(crate) fn verdict(args: &CheckArgs, loaded: &Loaded) -> Result<Prepared, Error> {
-    flight::prepare(&args.scenario, &loaded.scenario, target(args, loaded), &mut Trial::default())
+    flight::prepare(&args.scenario, &loaded.scenario, target(loaded), &mut Trial::default())
 }
 
 /// The target to check for: a flight in real time, unless only a study can fly the scenario.
-fn target<'a>(args: &'a CheckArgs, loaded: &Loaded) -> Target<'a> {
+fn target(loaded: &Loaded) -> Target<'static> {
     match loaded.scenario.control.mode {
         ControlMode::Central => {
             eprintln!("control.mode = \"central\": checked for a study, because `skein fly` does not fly it");
             Target::Study
         }
-        ControlMode::Each => Target::Fly { xplanes: args.xplane.as_slice() },
+        ControlMode::Each => Target::Fly { xplanes: &[] },
     }
 }
 

@@ -1,5 +1,6 @@
 //! Defines the command line of `skein` and calls the module of each command.
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 
@@ -9,10 +10,10 @@ use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
 use skein_core::formation::laws::Laws;
 use tracing_subscriber::EnvFilter;
 
+use crate::check::xplane::{self, XplaneCheckArgs};
 use crate::check::{self, CheckArgs};
 use crate::cluster::host::{self, NodeArgs};
 use crate::cluster::{self, ClusterArgs};
-use crate::doctor::{self, DoctorArgs};
 use crate::explain::{self, ExplainArgs};
 use crate::fit::{self, FitArgs};
 use crate::fly::{self, FlyArgs};
@@ -33,18 +34,27 @@ use skein_lab::cli::{finish, parsed};
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
 use skein_lab::study::{self, StudyArgs};
-use skein_lab::terminal::draw;
+use skein_lab::terminal::{complain, draw};
 
 /// Flies a swarm of helicopters without a central computer.
 ///
 /// Exit status: 0 success, 1 a run that failed, 2 an argument or a file at fault.
 #[derive(Debug, Parser)]
-#[command(name = "skein", version = version::line(), max_term_width = 110)]
+#[command(
+    name = "skein",
+    version = version::line(),
+    max_term_width = 110,
+    disable_help_subcommand = true,
+    after_help = "`skein COMMAND --help` explains a command. More, for experts: agent, replay, completions"
+)]
 pub struct Cli {
     /// What to do
     #[command(subcommand)]
     pub command: Command,
 }
+
+/// The commands for experts: the first help names them below its list.
+pub const FOR_EXPERTS: [&str; 3] = ["agent", "replay", "completions"];
 
 /// The commands of `skein`.
 #[derive(Debug, Subcommand)]
@@ -55,52 +65,111 @@ pub enum Command {
     Study(StudyArgs),
     /// Judge the runs of one folder against those of another, seed by seed; exit status 1 if a figure is worse
     Compare(CompareArgs),
+    /// Draw what was flown: pictures and tables on one page
+    Report(ReportArgs),
     /// Record a live swarm until Ctrl-C; or repair a recording, or join several
     Record(RecordArgs),
     /// Watch a live swarm, or play a recording, on a page in the browser; or on the terminal
     View(ViewArgs),
-    /// Draw what was flown: pictures and tables on one page
-    Report(ReportArgs),
-    /// Run the core of an agent again with its recorded inputs, and compare what it gives with what it gave in flight
-    Replay(ReplayArgs),
     /// Send an order to a live swarm through any of its agents, which pass it on
     Order(OrderArgs),
     /// How the vehicles of a live swarm are, as they report it: on this PC or on a cluster
     Status(StatusArgs),
-    /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of an X-Plane
+    /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of this PC
     Check(CheckArgs),
-    /// Put an X-Plane's aircraft to its vehicle's start, in the scenario's weather
-    Place(PlaceArgs),
-    /// Give the controls of X-Planes back after an agent's PC has died
-    Release(ReleaseArgs),
-    /// What of this PC would stop or disturb a flight: ports, firewall, cores, clock, limits, disk, X-Plane's beacon
-    Doctor(DoctorArgs),
-    /// What the keys of a scenario mean: kind, range, default and reason
-    Explain(ExplainArgs),
-    /// The scenarios that come with the program, and fly by their name
-    Scenarios(ScenariosArgs),
-    /// Write a commented start: a scenario, a law, an aircraft, a cluster file, a study
-    New(NewArgs),
-    /// Fly an unknown helicopter of X-Plane up a ladder that finds its trim and gains, and write its aircraft file
-    Fit(FitArgs),
+    /// Simulators: check an X-Plane, place its aircraft, release its controls, fit a helicopter, stand in for it
+    #[command(
+        after_help = "Examples:\n  skein xplane check --xplane 127.0.0.1\n  skein xplane fit my-heli --xplane 127.0.0.1",
+        subcommand
+    )]
+    Xplane(XplaneCommand),
+    /// Your files: write a commented start, explain the keys of a scenario, list the shipped scenarios
+    #[command(after_help = "Examples:\n  skein files new scenario my-ring\n  skein files explain radius", subcommand)]
+    Files(FilesCommand),
+    /// Install a swarm on every node of a cluster, start it, look at it, land it
+    Cluster(ClusterArgs),
+    /// Fly one vehicle; the same as the program skein-agent
+    #[command(
+        hide = true,
+        after_help = "Examples:\n  skein agent --scenario deploy/scenarios/hover.toml --id 1\n  skein agent --config node3.toml"
+    )]
+    Agent(AgentOptions),
+    /// Run the core of an agent again with its recorded inputs, and compare what it gives with what it gave in flight
+    #[command(hide = true)]
+    Replay(ReplayArgs),
     /// Print the completions for a shell
+    #[command(hide = true)]
     Completions(CompletionsArgs),
     /// Write the manual pages
     #[command(hide = true)]
     Man(ManArgs),
-    /// Install a swarm on every node of a cluster, start it, look at it, land it
-    Cluster(ClusterArgs),
     /// A node's own side of the cluster's commands
     #[command(hide = true)]
     Node(NodeArgs),
-    /// Fly one vehicle; the same as the program skein-agent
-    #[command(
-        after_help = "Examples:\n  skein agent --scenario deploy/scenarios/hover.toml --id 1\n  skein agent --config node3.toml"
-    )]
-    Agent(AgentOptions),
+}
+
+/// What concerns simulators.
+#[derive(Debug, Subcommand)]
+pub enum XplaneCommand {
+    /// Whether an X-Plane answers, its frames, datarefs, overrides and state, each fault with its remedy
+    Check(XplaneCheckArgs),
+    /// Put an X-Plane's aircraft to its vehicle's start, in the scenario's weather
+    Place(PlaceArgs),
+    /// Give the controls of X-Planes back after an agent's PC has died
+    Release(ReleaseArgs),
+    /// Fly an unknown helicopter of X-Plane up a ladder that finds its trim and gains, and write its aircraft file
+    Fit(FitArgs),
     /// A helicopter without a screen that uses X-Plane's UDP protocol; the same as the program xplane-standin
-    #[command(after_help = "Examples:\n  skein standin\n  skein standin --port 49010")]
+    #[command(after_help = "Examples:\n  skein xplane standin\n  skein xplane standin --port 49010")]
     Standin(StandinOptions),
+}
+
+/// What concerns the files that a user writes.
+#[derive(Debug, Subcommand)]
+pub enum FilesCommand {
+    /// Write a commented start: a scenario, a law, an aircraft, a cluster file, a study
+    New(NewArgs),
+    /// What the keys of a scenario mean: kind, range, default and reason
+    Explain(ExplainArgs),
+    /// The scenarios that come with the program, and fly by their name
+    Scenarios(ScenariosArgs),
+}
+
+/// Commands under their names of release 0.1, and what they are called now. To be removed after 0.2.
+const RENAMED: [(&str, &[&str]); 8] = [
+    ("place", &["xplane", "place"]),
+    ("release", &["xplane", "release"]),
+    ("fit", &["xplane", "fit"]),
+    ("standin", &["xplane", "standin"]),
+    ("doctor", &["check", "--pc"]),
+    ("new", &["files", "new"]),
+    ("explain", &["files", "explain"]),
+    ("scenarios", &["files", "scenarios"]),
+];
+
+/// The arguments of this process with an old name replaced, and the line about it for stderr. `skein help COMMAND` becomes
+/// `skein COMMAND --help`: as a command of its own it would be one more entry of the first help.
+fn renamed(mut arguments: Vec<OsString>) -> (Vec<OsString>, Option<String>) {
+    if arguments.get(1).is_some_and(|first| first == "help") {
+        arguments.remove(1);
+        arguments.push("--help".into());
+    }
+    let Some(first) = arguments.get(1).and_then(|first| first.to_str()) else { return (arguments, None) };
+    let (old, new) = if first == "check" && arguments.iter().any(is_xplane) {
+        ("check --xplane", &["xplane", "check"][..])
+    } else if let Some(&(old, new)) = RENAMED.iter().find(|(old, _)| *old == first) {
+        (old, new)
+    } else {
+        return (arguments, None);
+    };
+    let line = format!("`skein {old}` is now `skein {}`: the old name ends with the next release", new.join(" "));
+    arguments.splice(1..2, new.iter().map(OsString::from));
+    (arguments, Some(line))
+}
+
+/// Whether the argument is the option `--xplane`, with its value or before it.
+fn is_xplane(argument: &OsString) -> bool {
+    argument.to_str().is_some_and(|text| text == "--xplane" || text.starts_with("--xplane="))
 }
 
 /// Parses the arguments of this process and runs its command.
@@ -118,7 +187,11 @@ pub fn main_with(laws: Laws) -> ExitCode {
     }
     os::report_file_size_limit();
     match laws.add() {
-        Ok(()) => run(parsed::<Cli>().command),
+        Ok(()) => {
+            let (arguments, line) = renamed(std::env::args_os().collect());
+            line.iter().for_each(|line| complain(line));
+            run(parsed::<Cli>(arguments).command)
+        }
         Err(fault) => Error::Refused(fault.to_string()).report(),
     }
 }
@@ -132,17 +205,17 @@ pub fn run(command: Command) -> ExitCode {
         Command::Record(args) => record::run(&args),
         Command::View(args) => view::run(&args),
         Command::Report(args) => report::run(&args),
-        Command::Replay(args) => replay::run(&args),
         Command::Order(args) => order::run(&args),
         Command::Status(args) => status::run(&args),
         Command::Check(args) => check::run(&args),
-        Command::Place(args) => place::run(&args),
-        Command::Release(args) => release::run(&args),
-        Command::Doctor(args) => doctor::run(&args),
-        Command::Explain(args) => explain::run(&args),
-        Command::Scenarios(args) => scenarios::run(&args),
-        Command::New(args) => new::run(&args),
-        Command::Fit(args) => fit::run(&args),
+        Command::Xplane(XplaneCommand::Check(args)) => xplane::run(&args),
+        Command::Xplane(XplaneCommand::Place(args)) => place::run(&args),
+        Command::Xplane(XplaneCommand::Release(args)) => release::run(&args),
+        Command::Xplane(XplaneCommand::Fit(args)) => fit::run(&args),
+        Command::Files(FilesCommand::New(args)) => new::run(&args),
+        Command::Files(FilesCommand::Explain(args)) => explain::run(&args),
+        Command::Files(FilesCommand::Scenarios(args)) => scenarios::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Completions(args) => {
             manual::complete(&args, Cli::command());
             Ok(())
@@ -152,7 +225,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Node(args) => host::run(&args),
         // Both set their own exit status and logging.
         Command::Agent(options) => return host::fly(&options),
-        Command::Standin(options) => standin(&options),
+        Command::Xplane(XplaneCommand::Standin(options)) => standin(&options),
     };
     finish(done)
 }
@@ -181,13 +254,60 @@ mod tests {
 
     /// Every command that is shown, each below its parents.
     fn shown(command: &clap::Command, found: &mut Vec<clap::Command>) {
-        for below in command.get_subcommands().filter(|below| !below.is_hide_set() && below.get_name() != "help") {
+        let is_shown = |below: &&clap::Command| !below.is_hide_set() || FOR_EXPERTS.contains(&below.get_name());
+        for below in command.get_subcommands().filter(is_shown) {
             found.push(below.clone());
             // The verbs of an order have their examples there.
             if below.get_name() != "order" {
                 shown(below, found);
             }
         }
+    }
+
+    #[test]
+    fn the_first_help_lists_twelve_commands_and_names_those_for_experts() {
+        let mut program = Cli::command();
+        let help = program.render_help().to_string();
+        let (_, list) = help.split_once("Commands:\n").unwrap();
+        let entries = list.lines().take_while(|line| !line.is_empty()).filter(|line| !line.starts_with("   "));
+        assert_eq!(entries.count(), 12, "{help}");
+        let (_, further) = help.split_once("More, for experts: ").unwrap();
+        assert_eq!(further.split_whitespace().collect::<Vec<_>>().join(" "), FOR_EXPERTS.join(", "));
+        assert!(FOR_EXPERTS.iter().all(|name| program.find_subcommand(name).is_some()), "{FOR_EXPERTS:?}");
+    }
+
+    #[test]
+    fn a_command_under_its_old_name_runs_and_names_the_new_one() {
+        let renamed = |line: &str| {
+            let (arguments, about) = renamed(line.split(' ').map(OsString::from).collect());
+            let arguments: Vec<String> =
+                arguments.into_iter().map(|argument| argument.into_string().unwrap()).collect();
+            (arguments.join(" "), about)
+        };
+        for (old, new) in [
+            ("place --xplane heli", "xplane place --xplane heli"),
+            ("release heli", "xplane release heli"),
+            ("fit mine --xplane heli", "xplane fit mine --xplane heli"),
+            ("standin --port 1", "xplane standin --port 1"),
+            ("check --xplane heli", "xplane check --xplane heli"),
+            ("check my.toml --json --xplane=heli", "xplane check my.toml --json --xplane=heli"),
+            ("doctor --json --wait 0", "check --pc --json --wait 0"),
+            ("new law mine", "files new law mine"),
+            ("explain radius", "files explain radius"),
+            ("scenarios", "files scenarios"),
+        ] {
+            let (line, about) = renamed(&format!("skein {old}"));
+            assert_eq!(line, format!("skein {new}"));
+            assert!(parse(&line).is_ok(), "{line}");
+            let about = about.unwrap();
+            let names = |begin: &str| about.contains(&format!("`skein {begin}"));
+            assert!(names(old.split(' ').next().unwrap()) && names(new.split(' ').next().unwrap()), "{about}");
+        }
+        assert_eq!(renamed("skein help place").0, "skein xplane place --help");
+        for same in ["skein", "skein check", "skein fly --xplane heli", "skein order release --vehicles 1"] {
+            assert_eq!(renamed(same), (same.to_owned(), None));
+        }
+        assert_eq!(renamed("skein help").0, "skein --help");
     }
 
     #[test]
@@ -285,11 +405,16 @@ mod tests {
         assert!(parse("skein order --swarm lab goto 2").is_ok() && parse("skein order goto").is_err());
         assert!(parse("skein check").is_ok() && parse("skein check -f lab.toml --json").is_ok());
         assert!(
-            parse("skein new law a --lang rust").is_err() && parse("skein new law a --lang rust --source .").is_ok()
+            parse("skein files new law a --lang rust").is_err()
+                && parse("skein files new law a --lang rust --source .").is_ok()
         );
-        assert!(parse("skein new scenario ../a").is_err() && parse("skein scenarios tour --json").is_err());
-        assert!(parse("skein explain").is_ok() && parse("skein explain radius --json").is_ok());
-        assert!(parse("skein check --xplane heli7").is_ok() && parse("skein check my.toml -f lab.toml").is_err());
+        assert!(parse("skein files new scenario ../a").is_err() && parse("skein files scenarios tour --json").is_err());
+        assert!(parse("skein files explain").is_ok() && parse("skein files explain radius --json").is_ok());
+        assert!(
+            parse("skein xplane check --xplane heli7").is_ok() && parse("skein check my.toml -f lab.toml").is_err()
+        );
+        assert!(parse("skein check --pc --wait 0").is_ok() && parse("skein check --wait 0").is_err());
+        assert!(parse("skein check --pc my.toml").is_err() && parse("skein xplane check my.toml").is_err());
         assert!(
             parse("skein record --swarm lab --out a.mcap").is_ok() && parse("skein record --repair a.mcap").is_ok()
         );

@@ -1,4 +1,4 @@
-//! `skein explain`: explains the keys of a scenario: what each accepts, its default, and the reason for it.
+//! `skein files explain`: explains the keys of a scenario: what each accepts, its default, and the reason for it.
 
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -10,9 +10,9 @@ use skein_common::scenario::{Key, Kind, Literal, Range, TunableKey, matching, mo
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
 
-/// `skein explain`
+/// `skein files explain`
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:\n  skein explain radius\n  skein explain network --json")]
+#[command(after_help = "Examples:\n  skein files explain radius\n  skein files explain network --json")]
 pub struct ExplainArgs {
     /// Part of a key's dotted path, in any case, such as radius or network.loss; without it, every key
     #[arg(value_name = "PATTERN")]
@@ -49,7 +49,7 @@ fn find(pattern: &str) -> Result<Vec<&'static Key>, Error> {
         return Ok(found);
     }
     let help = most_similar(pattern).map_or_else(
-        || "`skein explain` without a pattern lists every key".to_owned(),
+        || "`skein files explain` without a pattern lists every key".to_owned(),
         |key| format!("did you mean {}?", key.path),
     );
     Err(Error::Refused(format!("no key contains \"{pattern}\"; {help}")))
@@ -215,7 +215,7 @@ network.send
         let refused = |pattern: &str| find(pattern).unwrap_err();
         assert_eq!(refused("raduis").to_string(), "no key contains \"raduis\"; did you mean formation.radius_m?");
         assert_eq!(refused("raduis").exit_code(), 2);
-        let nothing = "no key contains \"zzzzzzzz\"; `skein explain` without a pattern lists every key";
+        let nothing = "no key contains \"zzzzzzzz\"; `skein files explain` without a pattern lists every key";
         assert_eq!(refused("zzzzzzzz").to_string(), nothing);
     }
 }

@@ -1,4 +1,4 @@
-//! `skein fit`: flies an aircraft that was never flown with these rules before, and writes its aircraft file.
+//! `skein xplane fit`: flies an aircraft that was never flown with these rules before, and writes its aircraft file.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -20,10 +20,10 @@ use crate::new::Name;
 use crate::os::Interrupts;
 use crate::simulators::HostPort;
 
-/// `skein fit`
+/// `skein xplane fit`
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  skein fit my-heli --xplane 127.0.0.1\n  skein fit my-r22 --xplane 10.0.0.7:49000 --base my-datarefs"
+    after_help = "Examples:\n  skein xplane fit my-heli --xplane 127.0.0.1\n  skein xplane fit my-r22 --xplane 10.0.0.7:49000 --base my-datarefs"
 )]
 pub struct FitArgs {
     /// Name of the new aircraft; the file is NAME.toml
@@ -158,7 +158,7 @@ pub fn aircraft_file(fitted: &Fitted, name: &str, found_on: &str, base: &str) ->
     });
     let xplane = xplane_table(base);
     format!(
-        "# {name}: an aircraft that X-Plane flies. Found by `skein fit` in calm air, on {found_on}.\n\
+        "# {name}: an aircraft that X-Plane flies. Found by `skein xplane fit` in calm air, on {found_on}.\n\
          # Measured: {}; 8 m aside with {:.0} % overshoot, within 0.5 m after {settled_s:.1} s.\n\n\
          {rotor}# Controls and attitude in the hover.\n[trim]\n\
          roll_stick = {:.5}\npitch_stick = {:.5}\nyaw_stick = {:.5}\ncollective = {:.5}\nroll_deg = {:.3}\npitch_deg = {:.3}\n\n\

@@ -6,7 +6,6 @@ pub mod check;
 pub mod cli;
 pub mod cluster;
 pub mod display;
-pub mod doctor;
 pub mod endpoints;
 pub mod explain;
 mod findings;

@@ -1,4 +1,4 @@
-//! `skein new`: writes a commented start for what a user wants to make. It can fly at once.
+//! `skein files new`: writes a commented start for what a user wants to make. It can fly at once.
 
 pub(crate) mod discover;
 mod start;
@@ -15,9 +15,9 @@ use skein_lab::terminal::{say, what_next};
 
 use start::Start;
 
-/// `skein new`
+/// `skein files new`
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:\n  skein new scenario my-ring\n  skein new law my-law --lang python")]
+#[command(after_help = "Examples:\n  skein files new scenario my-ring\n  skein files new law my-law --lang python")]
 pub struct NewArgs {
     /// What to make
     #[command(subcommand)]
@@ -28,7 +28,9 @@ pub struct NewArgs {
 #[derive(Clone, Debug, Subcommand)]
 pub enum NewKind {
     /// A scenario: a copy of a shipped one, to be changed
-    #[command(after_help = "Examples:\n  skein new scenario my-ring\n  skein new scenario my-tour --from tour")]
+    #[command(
+        after_help = "Examples:\n  skein files new scenario my-ring\n  skein files new scenario my-tour --from tour"
+    )]
     Scenario {
         /// Its name; the file is NAME.toml
         name: Name,
@@ -37,7 +39,9 @@ pub enum NewKind {
         from: String,
     },
     /// A formation law of your own, and a scenario that flies it
-    #[command(after_help = "Examples:\n  skein new law my-law\n  skein new law my-law --lang rust --source ../skein")]
+    #[command(
+        after_help = "Examples:\n  skein files new law my-law\n  skein files new law my-law --lang rust --source ../skein"
+    )]
     Law {
         /// Its name
         name: Name,
@@ -49,13 +53,13 @@ pub enum NewKind {
         source: Option<PathBuf>,
     },
     /// An aircraft for the built-in plant: a copy of the shipped one, and a scenario that flies it
-    #[command(after_help = "Examples:\n  skein new aircraft heavy\n  skein new aircraft my-trex600")]
+    #[command(after_help = "Examples:\n  skein files new aircraft heavy\n  skein files new aircraft my-trex600")]
     Aircraft {
         /// Its name; the file is NAME.toml
         name: Name,
     },
     /// A cluster file, and the scenario that the cluster flies
-    #[command(after_help = "Examples:\n  skein new cluster\n  skein new cluster --discover")]
+    #[command(after_help = "Examples:\n  skein files new cluster\n  skein files new cluster --discover")]
     Cluster {
         /// Name of the swarm; the file is cluster.toml
         #[arg(default_value = "lab")]
@@ -68,7 +72,7 @@ pub enum NewKind {
         wait: f64,
     },
     /// A study: a script that flies many seeds of several variants, compares them, and draws them
-    #[command(after_help = "Examples:\n  skein new study my-study\n  skein new study loss --lang python")]
+    #[command(after_help = "Examples:\n  skein files new study my-study\n  skein files new study loss --lang python")]
     Study {
         /// Its name; the file is NAME.sh, NAME.py or NAME.m
         name: Name,

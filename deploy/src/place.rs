@@ -1,4 +1,4 @@
-//! Puts an X-Plane's aircraft to its vehicle's start, in the scenario's weather: `skein place`, and `skein fly` before its
+//! Puts an X-Plane's aircraft to its vehicle's start, in the scenario's weather: `skein xplane place`, and `skein fly` before its
 //! agents begin.
 //!
 //! A command does this and not the agent: a flight that loads takes a minute, its outcome is for a person to see, and an
@@ -29,12 +29,12 @@ use crate::simulators::web::{WebApi, WebChoice, WebError};
 pub(crate) use setup::{SETUP, compared as setup_compared};
 pub(crate) use weather::{WIND_NOW, compared, local};
 
-/// `skein place`
+/// `skein xplane place`
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     long_about = "Puts the aircraft of an X-Plane to the start of its vehicle, with its engines running and the scenario's wind, and says \
                   what came of it. X-Plane 12.4 and later starts a flight there through its Web API; an older one is placed by UDP.",
-    after_help = "Examples:\n  skein place --xplane 127.0.0.1\n  skein place hover --xplane 10.0.0.7 --vehicle 2 --weather-only"
+    after_help = "Examples:\n  skein xplane place --xplane 127.0.0.1\n  skein xplane place hover --xplane 10.0.0.7 --vehicle 2 --weather-only"
 )]
 pub struct PlaceArgs {
     /// The scenario.

@@ -1,4 +1,4 @@
-//! `skein release`: gives the controls of X-Planes back, after the PC of an agent has died.
+//! `skein xplane release`: gives the controls of X-Planes back, after the PC of an agent has died.
 
 use std::path::Path;
 use std::time::Duration;
@@ -11,13 +11,13 @@ use crate::check::xplane::read_until;
 use crate::simulators::HostPort;
 use crate::simulators::survey::{SILENT, Surveyor};
 
-/// `skein release`
+/// `skein xplane release`
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     long_about = "Gives the controls of X-Planes back to their pilots, and the other aircraft that showed peers to X-Plane. An \
                   agent does this when it ends; after its PC has died, X-Plane still ignores its own joystick. An agent that \
                   still flies takes the controls again at once: land it instead.",
-    after_help = "Examples:\n  skein release 10.0.0.7\n  skein release 10.0.0.7:49000 10.0.0.8:49000"
+    after_help = "Examples:\n  skein xplane release 10.0.0.7\n  skein xplane release 10.0.0.7:49000 10.0.0.8:49000"
 )]
 pub struct ReleaseArgs {
     /// The X-Planes

@@ -1,4 +1,4 @@
-//! `skein scenarios`: the scenarios that come with the program.
+//! `skein files scenarios`: the scenarios that come with the program.
 
 use serde::Serialize;
 use skein_common::scenario::Source;
@@ -8,9 +8,9 @@ use skein_lab::terminal::{json, say, wrapped};
 
 use crate::explain::columns;
 
-/// `skein scenarios`
+/// `skein files scenarios`
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Examples:\n  skein scenarios\n  skein scenarios tour > my-tour.toml")]
+#[command(after_help = "Examples:\n  skein files scenarios\n  skein files scenarios tour > my-tour.toml")]
 pub struct ScenariosArgs {
     /// Print the file of this scenario; without a name, list all
     #[arg(value_name = "NAME")]
@@ -57,7 +57,7 @@ fn list(columns: usize) -> String {
         lines.iter().enumerate().map(line).collect::<String>()
     };
     SCENARIOS.iter().map(entry).collect::<String>()
-        + "\nskein fly NAME and skein study NAME fly one of them; skein scenarios NAME prints its file.\n"
+        + "\nskein fly NAME and skein study NAME fly one; skein files scenarios NAME prints its file.\n"
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use skein_lab::compare::pairs::Paired;
 use skein_lab::metrics::limits::{self, Bound};
 
 /// Commands that the program `tables` passes on to `skein`: the flights start this program again.
-pub const SKEIN_COMMANDS: [&str; 4] = ["study", "fly", "agent", "standin"];
+pub const SKEIN_COMMANDS: [&str; 4] = ["study", "fly", "agent", "xplane"];
 
 /// Largest difference between two plants, as a share of the figure, or of its limit if that is more.
 const OF_FIGURE: f64 = 0.05;

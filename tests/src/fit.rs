@@ -1,4 +1,4 @@
-//! Random helicopters, fitted by the ladder of `skein fit` in virtual time and then flown in the default ring.
+//! Random helicopters, fitted by the ladder of `skein xplane fit` in virtual time and then flown in the default ring.
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -92,7 +92,7 @@ pub fn climb(parameters: &Parameters) -> Climbed {
 }
 
 /// Flies the ladder over X-Plane's protocol, in a simulator that has loaded the aircraft of this path. Returns the file that
-/// `skein fit` would write for this base.
+/// `skein xplane fit` would write for this base.
 ///
 /// # Errors
 /// What the ladder could not do.

@@ -78,7 +78,7 @@ impl OnePc {
         let simulator = |nth: u16| {
             let port = (FIRST_PORT + PORTS_APART * nth).to_string();
             let mut command = cores.command(program, 0);
-            command.args(["standin", "--port", &port, "--beacon", "false"]).env_remove("RUST_LOG");
+            command.args(["xplane", "standin", "--port", &port, "--beacon", "false"]).env_remove("RUST_LOG");
             command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
         };
         let simulators = (0..X_PLANES).map(simulator).collect();

@@ -21,7 +21,7 @@ use skein_core::random::{self, Purpose};
 use crate::processes::{Resources, children_of, command_of, resources};
 
 /// Commands that the program `soak` passes on to `skein`: the flight starts this program again.
-pub const SKEIN_COMMANDS: [&str; 5] = ["fly", "agent", "standin", "status", "view"];
+pub const SKEIN_COMMANDS: [&str; 5] = ["fly", "agent", "xplane", "status", "view"];
 
 const VEHICLES: u8 = 8;
 /// Vehicles from 1 to this one keep their agents: a process that is never killed shows what grows.
@@ -351,7 +351,7 @@ fn name(command: &[String]) -> Option<String> {
     let after = |option: &str| Some(command.get(command.iter().position(|argument| argument == option)? + 1)?.clone());
     match command.get(1)?.as_str() {
         "agent" => Some(format!("agent {}", Path::new(&after("--config")?).file_stem()?.to_str()?)),
-        "standin" => Some(format!("stand-in {}", after("--id")?)),
+        "xplane" => Some(format!("stand-in {}", after("--id")?)),
         _ => None,
     }
 }

@@ -54,7 +54,7 @@ struct AircraftFile {
     xplane: Profile,
 }
 
-/// Mark of a file without trim, which `skein fit` has to complete.
+/// Mark of a file without trim, which `skein xplane fit` has to complete.
 #[derive(Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum FitState {
@@ -88,7 +88,7 @@ impl Aircraft {
         [("xcell60", include_str!("../../../deploy/aircraft/xcell60.toml"))];
 
     /// The aircraft files compiled into the program that name the controls of an aircraft of X-Plane, and which
-    /// `skein fit` has to complete, by name.
+    /// `skein xplane fit` has to complete, by name.
     pub const TO_FIT: [(&'static str, &'static str); 2] = [
         ("r22", include_str!("../../../deploy/aircraft/r22.toml")),
         ("rc-helicopter", include_str!("../../../deploy/aircraft/rc-helicopter.toml")),
@@ -110,7 +110,7 @@ impl Aircraft {
     ///
     /// # Errors
     ///
-    /// The first fault in the text, with its line; a file that `skein fit` has to complete first.
+    /// The first fault in the text, with its line; a file that `skein xplane fit` has to complete first.
     pub fn from_text(name: &str, text: &str) -> Result<Self, AircraftError> {
         let source = Source { name, text };
         let (file, written) = Written::typed::<AircraftFile>(&source, FileKind::Aircraft)?;
@@ -118,7 +118,7 @@ impl Aircraft {
             let stem = name.rsplit(['/', '\\']).next().unwrap_or(name).trim_end_matches(".toml");
             let message = "this aircraft has no trim and no gains yet";
             let remedy = format!(
-                "`skein fit my-{stem} --base {stem} --xplane HOST` flies it once and writes my-{stem}.toml, which can be \
+                "`skein xplane fit my-{stem} --base {stem} --xplane HOST` flies it once and writes my-{stem}.toml, which can be \
                  flown"
             );
             return Err(written.fault("fit", message, Some(remedy)).into());
@@ -172,7 +172,7 @@ mod tests {
             let profile = Profile::from_text(name, text).unwrap();
             assert!(!profile.collective.is_empty() && profile.acf.is_none(), "{name}");
             let refusal = Aircraft::from_text(&format!("lab/{name}.toml"), text).unwrap_err().to_string();
-            let remedy = format!("`skein fit my-{name} --base {name} --xplane HOST`");
+            let remedy = format!("`skein xplane fit my-{name} --base {name} --xplane HOST`");
             assert!(refusal.contains("has no trim") && refusal.contains(&remedy), "{refusal}");
             assert_eq!(Aircraft::shipped_text(name), Some(text));
         }

@@ -201,7 +201,7 @@ impl Texts<'_> {
             1..=MAX_LISTED_KEYS => Some(list_of_keys(names.into_iter())),
             0 => None,
             _ if self.kind == FileKind::Scenario => {
-                Some(format!("`{}` lists the keys", format!("skein explain {table}").trim_end()))
+                Some(format!("`{}` lists the keys", format!("skein files explain {table}").trim_end()))
             }
             _ => None,
         }

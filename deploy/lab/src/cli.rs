@@ -39,8 +39,10 @@ pub enum Command {
 
 /// A study program whose scenarios may name these laws besides those of Skein. See [`crate::law`].
 pub fn main_with(laws: Laws) -> ExitCode {
-    let done =
-        laws.add().map_err(|fault| Error::Refused(fault.to_string())).and_then(|()| run(&parsed::<Cli>().command));
+    let done = laws
+        .add()
+        .map_err(|fault| Error::Refused(fault.to_string()))
+        .and_then(|()| run(&parsed::<Cli>(std::env::args_os()).command));
     finish(done)
 }
 
@@ -60,10 +62,10 @@ fn printed() -> Result<(), Error> {
     }
 }
 
-/// Parses the arguments of this process. If they are wrong, the process ends with exit status 2 and [`parse_from`]'s message; a
-/// help that cannot be printed ends it with 1.
-pub fn parsed<T: Parser>() -> T {
-    parse_from(std::env::args_os()).unwrap_or_else(|error| {
+/// Parses the arguments of this process, the first of which is its name. If they are wrong, the process ends with exit status 2
+/// and [`parse_from`]'s message; a help that cannot be printed ends it with 1.
+pub fn parsed<T: Parser>(arguments: impl IntoIterator<Item = OsString>) -> T {
+    parse_from(arguments).unwrap_or_else(|error| {
         if error.use_stderr() {
             error.exit();
         }

@@ -21,7 +21,7 @@ use crate::shipped::{self, HOVER};
 /// The command-line arguments that choose a scenario.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ScenarioArgs {
-    /// Scenario file, or the name of a shipped scenario such as flock (`skein scenarios` lists them) [default: hover]
+    /// Scenario file, or the name of a shipped scenario such as flock (`skein files scenarios` lists them) [default: hover]
     #[arg(value_name = "SCENARIO")]
     pub scenario: Option<PathBuf>,
     /// Override a key of the scenario file, such as formation.radius_m=50; the last value wins
@@ -166,7 +166,7 @@ impl ScenarioArgs {
             Error::Refused(match (similar, error.kind()) {
                 (Some(name), _) => format!("{shown}: {error}; did you mean the shipped scenario {name}?"),
                 (None, io::ErrorKind::NotFound) => format!(
-                    "{shown}: {error}; `skein scenarios` lists the shipped scenarios, `skein new scenario NAME` writes a file"
+                    "{shown}: {error}; `skein files scenarios` lists the shipped scenarios, `skein files new scenario NAME` writes a file"
                 ),
                 (None, io::ErrorKind::IsADirectory) if path.join("scenario.toml").is_file() => {
                     format!("{shown} is a folder; the scenario of that run is {}", path.join("scenario.toml").display())

@@ -58,8 +58,10 @@ pub fn scenario(name: &str) -> Option<Source<'static>> {
 /// If no shipped scenario has it; the error names the most similar one.
 pub fn find(name: &str) -> Result<Source<'static>, Error> {
     scenario(name).ok_or_else(|| {
-        let help = most_similar(name)
-            .map_or_else(|| "`skein scenarios` lists them".to_owned(), |similar| format!("did you mean {similar}?"));
+        let help = most_similar(name).map_or_else(
+            || "`skein files scenarios` lists them".to_owned(),
+            |similar| format!("did you mean {similar}?"),
+        );
         Error::Refused(format!("no shipped scenario is called \"{name}\"; {help}"))
     })
 }

@@ -62,7 +62,7 @@ def test_the_bench_prints_a_ratio(capsys, monkeypatch):
 
 
 def test_the_script_of_a_new_study_runs_and_resumes(tmp_path):
-    subprocess.run([skein.program(), "new", "study", "mine", "--lang", "python"], cwd=tmp_path, check=True)
+    subprocess.run([skein.program(), "files", "new", "study", "mine", "--lang", "python"], cwd=tmp_path, check=True)
     for _ in range(2):
         done = subprocess.run(
             [sys.executable, "mine.py", "--seeds", "2"],

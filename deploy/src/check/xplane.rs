@@ -1,19 +1,20 @@
-//! `skein check --xplane`: what would stop an agent at one X-Plane, each fault with its remedy.
+//! `skein xplane check`: what would stop an agent at one X-Plane, each fault with its remedy.
 
 mod web;
 
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde_json::json;
 use skein_agent::plant::xplane::client::RANDOM_FAILURES;
 use skein_agent::plant::xplane::placing::{LEVEL_WITHIN_M, NEAR_ORIGIN_M, from_origin_m};
 use skein_common::frame::{Geodetic, Origin};
-use skein_common::scenario::Scenario;
+use skein_common::scenario::{Scenario, Vehicle};
 use skein_core::aircraft::Profile;
 use skein_lab::error::Error;
 use skein_lab::out;
+use skein_lab::scenario::ScenarioArgs;
 use skein_lab::terminal;
 
 use crate::findings::{self, Line, verdict};
@@ -24,6 +25,29 @@ use crate::simulators::HostPort;
 use crate::simulators::reset::CRASHED;
 use crate::simulators::survey::{SILENT, Survey, Surveyor};
 use crate::simulators::web::WebChoice;
+
+/// `skein xplane check`
+#[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  skein xplane check --xplane 127.0.0.1:49000\n  skein xplane check my-lab.toml --xplane 10.0.0.7 --report found.json"
+)]
+pub struct XplaneCheckArgs {
+    /// The scenario, whose aircraft and origin count if it is named.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+    /// The X-Plane
+    #[arg(long, value_name = "HOST[:PORT]")]
+    pub xplane: HostPort,
+    /// Its Web API, or off; without it that of vehicle.N.web, or of this PC if the X-Plane is on this PC
+    #[arg(long, value_name = "HOST[:PORT]")]
+    pub web: Option<WebChoice>,
+    /// A file for all that was found and a minute of datagrams, to be sent with a question
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+    /// Print it as JSON
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// How long positions are watched, how long an answer may take, and how long a report gathers datagrams.
 const WATCHED: Duration = Duration::from_secs(5);
@@ -50,28 +74,47 @@ fn path_element(nth: usize) -> String {
 }
 
 /// What an X-Plane is checked against.
-pub(super) struct LookedAt<'a> {
+struct LookedAt<'a> {
     /// Datarefs of the aircraft.
-    pub(super) profile: &'a Profile,
+    profile: &'a Profile,
     /// The scenario, if one was named.
-    pub(super) scenario: Option<&'a Scenario>,
+    scenario: Option<&'a Scenario>,
     /// Where its Web API is looked for.
-    pub(super) web: &'a WebChoice,
+    web: &'a WebChoice,
 }
 
-/// Checks the X-Plane and prints a line for each thing; with `report`, gathers a minute of datagrams into that file too.
+/// Checks the X-Plane and prints a line for each thing; with `--report`, gathers a minute of datagrams into that file too.
 ///
 /// # Errors
 /// If a fault prevents a flight, or the report cannot be written.
-pub(super) fn run(xplane: &HostPort, looked_at: &LookedAt<'_>, json: bool, report: Option<&Path>) -> Result<(), Error> {
-    let address = xplane.to_string();
+pub(crate) fn run(args: &XplaneCheckArgs) -> Result<(), Error> {
+    let names_a_scenario = args.scenario.scenario.is_some() || !args.scenario.sets.is_empty();
+    let (scenario, profile) = flown(&args.scenario)?;
+    let web = WebChoice::or_of(args.web.as_ref(), web_of(&scenario, &args.xplane), &args.xplane);
+    let looked_at = LookedAt { profile: &profile, scenario: names_a_scenario.then_some(&scenario), web: &web };
+    let address = args.xplane.to_string();
     let surveyor = Surveyor::open(&address)?;
-    let lines = lines(&address, &surveyor, looked_at)?;
-    if let Some(path) = report {
-        write_report(path, &surveyor, looked_at.profile, &lines, REPORTED)?;
+    let lines = lines(&address, &surveyor, &looked_at)?;
+    if let Some(path) = &args.report {
+        write_report(path, &surveyor, &profile, &lines, REPORTED)?;
     }
-    terminal::say(&if json { terminal::json(&lines) } else { findings::as_table(&lines) });
+    terminal::say(&if args.json { terminal::json(&lines) } else { findings::as_table(&lines) });
     verdict(&lines)
+}
+
+/// The scenario, and the datarefs of its first vehicle's aircraft.
+fn flown(args: &ScenarioArgs) -> Result<(Scenario, Profile), Error> {
+    let scenario = args.read_any(Vec::new())?.first().scenario.clone();
+    let ready = args.ready(&scenario)?;
+    let profile = ready.aircraft.into_iter().next().map(|aircraft| aircraft.xplane).unwrap_or_default();
+    Ok((scenario, profile))
+}
+
+/// Where the scenario has the Web API of the X-Plane of one of its vehicles.
+fn web_of<'a>(scenario: &'a Scenario, simulator: &HostPort) -> Option<&'a str> {
+    let address = simulator.to_string();
+    let its = |vehicle: &&Vehicle| vehicle.xplane.as_ref() == Some(&address);
+    scenario.ids().filter_map(|id| scenario.vehicle(id)).find(its)?.web.as_deref()
 }
 
 /// Checks the X-Plane at this address.
@@ -306,7 +349,7 @@ fn overrides(place: &str, surveyor: &Surveyor, survey: &Survey, profile: &Profil
     }
     if paths.iter().any(|path| survey.value(path) != Some(0.0)) {
         return Ok(line("held by another program").warning(
-            "if an agent flies this aircraft, all is well; if its PC has died, `skein release` gives the controls back",
+            "if an agent flies this aircraft, all is well; if its PC has died, `skein xplane release` gives the controls back",
         ));
     }
     let after = |value: f32| {
@@ -319,7 +362,7 @@ fn overrides(place: &str, surveyor: &Surveyor, survey: &Survey, profile: &Profil
         (false, _) => line("were written, but did not take").fault(
             "another program or plugin sets them; X-Plane's network settings may refuse writes: accept incoming connections",
         ),
-        (true, false) => line("were taken, but not given back").fault("`skein release` gives them back"),
+        (true, false) => line("were taken, but not given back").fault("`skein xplane release` gives them back"),
     })
 }
 

@@ -41,7 +41,7 @@ pub(super) fn listen(for_s: f64) -> Result<Vec<FoundXPlane>, Error> {
     if found.is_empty() {
         return Err(Error::Failed(format!(
             "no X-Plane was found within {for_s} s: beacons are UDP multicast to 239.255.1.1:49707, which a firewall or a \
-             router may hold back; `skein new cluster` without --discover writes a file to fill in"
+             router may hold back; `skein files new cluster` without --discover writes a file to fill in"
         )));
     }
     Ok(found)

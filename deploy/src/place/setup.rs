@@ -28,7 +28,8 @@ const NOTABLE_KG: f64 = 2.0;
 /// How long the values may take to follow what was asked for.
 const FOLLOWS_WITHIN: Duration = Duration::from_secs(5);
 const ANSWER: Duration = Duration::from_secs(2);
-const REMEDY: &str = "`skein place` sets it with the Web API of X-Plane 12.4; set it on X-Plane's screen otherwise";
+const REMEDY: &str =
+    "`skein xplane place` sets it with the Web API of X-Plane 12.4; set it on X-Plane's screen otherwise";
 
 /// The time of day for a flight; the date stays.
 pub(super) fn time_of_flight(plant: &VehicleModel, web: &WebApi) -> Map<String, Value> {

@@ -178,7 +178,7 @@ pub(crate) fn compared(place: &str, survey: &Survey, scenario: &Scenario) -> Vec
         }
         Some(found) => {
             Line::new(place, "wind", format!("{}; the scenario has {}", described(found), described(wanted)))
-                .warning("`skein place --weather-only` sets it; switch real weather off in X-Plane")
+                .warning("`skein xplane place --weather-only` sets it; switch real weather off in X-Plane")
         }
     }];
     if world.gust_w20_m_s > 0.0 {

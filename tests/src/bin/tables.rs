@@ -33,7 +33,7 @@ enum Table {
     Conversion,
     /// Every fault in a small mission, with four and with eight vehicles
     Faults,
-    /// Twenty random helicopters: what `skein fit` found for each, and the ring that they flew then
+    /// Twenty random helicopters: what `skein xplane fit` found for each, and the ring that they flew then
     Fit,
     /// Two fleets of 64 vehicles that fly through each other over a lossy network
     Fleets,

@@ -95,7 +95,9 @@ impl Simulator {
         ip(&["-n", &own, "link", "set", "lo", "multicast", "on"]);
         ip(&["-n", &own, "route", "add", "224.0.0.0/4", "dev", "lo"]);
         let mut command = namespaces.command("x-plane", env!("CARGO_BIN_EXE_skein-under-test"));
-        command.args(["standin", "--port", UDP_PORT, "--web", WEB_PORT, "--lat", LATITUDE_DEG]).stdin(Stdio::null());
+        command
+            .args(["xplane", "standin", "--port", UDP_PORT, "--web", WEB_PORT, "--lat", LATITUDE_DEG])
+            .stdin(Stdio::null());
         let mut process = command.env_remove("RUST_LOG").stderr(Stdio::piped()).spawn().unwrap();
         let mut log = BufReader::new(process.stderr.take().unwrap());
         let mut first = String::new();

@@ -153,7 +153,7 @@ fn without_an_x_plane_fly_and_check_fail_within_3_s() {
         let text = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
         (output.status.code(), text)
     };
-    let check = output(place.command().args(["check", "--xplane", &address]));
+    let check = output(place.command().args(["xplane", "check", "--xplane", &address]));
     let fly = output(place.fly().args(["--set", "swarm.vehicles=1", "--plant", "xplane", "--xplane", &address]));
     assert!(fly.0 == Some(1) && fly.1[1].contains("no answer within 2 s; is X-Plane running"), "{fly:?}");
     assert!(check.0 == Some(1) && check.1[0].contains("FAULT  no answer within 2 s"), "{check:?}");

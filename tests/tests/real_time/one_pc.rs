@@ -33,10 +33,10 @@ fn ten_agents_on_one_pc_hold_the_ring_and_their_x_planes_are_given_back_after_it
     assert!(figure("frame_overruns") < LATE_SHARE * steps, "{metrics:#}");
 
     pc.die();
-    let released = pc.command("release").args(OnePc::x_planes()).output().unwrap();
+    let released = pc.command("xplane").arg("release").args(OnePc::x_planes()).output().unwrap();
     assert!(released.status.success(), "{}", printed(&released));
     let expected: String = OnePc::x_planes().iter().map(|at| format!("{at}: the controls are given back\n")).collect();
     assert_eq!(printed(&released), expected, "every X-Plane had kept its overrides");
-    let again = printed(&pc.command("release").args(OnePc::x_planes()).output().unwrap());
+    let again = printed(&pc.command("xplane").arg("release").args(OnePc::x_planes()).output().unwrap());
     assert_eq!(again.matches("the controls were free already").count(), usize::from(X_PLANES), "{again}");
 }

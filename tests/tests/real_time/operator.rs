@@ -268,18 +268,18 @@ fn a_variable_names_the_cluster_file_in_every_folder() {
 }
 
 #[test]
-fn the_doctor_reports_a_fault_with_its_remedy() {
+fn a_check_of_the_pc_reports_a_fault_with_its_remedy() {
     let _share = Share::of(20);
     let pc = Pc::new(1, "127.77.10", "none");
     fs::write(pc.path("file"), "").unwrap();
-    let doctor = |runs: &str, options: &[&str]| {
+    let check = |runs: &str, options: &[&str]| {
         let mut command = Command::new(PROGRAM);
-        command.arg("doctor").args(["--wait", "0"]).args(options).current_dir(pc.folder.path());
+        command.args(["check", "--pc", "--wait", "0"]).args(options).current_dir(pc.folder.path());
         command.env("XDG_RUNTIME_DIR", pc.path("runtime")).env("SKEIN_RUNS", pc.path(runs));
         let output = command.output().unwrap();
         (output.status.code(), String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
     };
-    let (status, out, err) = doctor("runs", &["--json"]);
+    let (status, out, err) = check("runs", &["--json"]);
     let lines: Vec<Value> = serde_json::from_str(&out).unwrap();
     let line = |lines: &[Value], what: &str| lines.iter().find(|line| line["what"] == what).unwrap().clone();
     assert_eq!(status, Some(0), "{out}{err}");
@@ -291,10 +291,10 @@ fn the_doctor_reports_a_fault_with_its_remedy() {
     assert_eq!(line(&lines, "runs")["state"], "good");
     assert!(!pc.path("runs").exists(), "a check writes nothing");
 
-    let (status, out, err) = doctor("file/runs", &["--json"]);
+    let (status, out, err) = check("file/runs", &["--json"]);
     let runs = line(&serde_json::from_str::<Vec<Value>>(&out).unwrap(), "runs");
     assert_eq!((status, err.as_str(), &runs["state"]), (Some(1), "1 fault prevents a flight\n", &"fault".into()));
     assert!(runs["remedy"].as_str().unwrap().contains("SKEIN_RUNS"), "{runs}");
-    let (_, table, _) = doctor("file/runs", &[]);
+    let (_, table, _) = check("file/runs", &[]);
     assert!(table.contains("FAULT") && table.contains("SKEIN_RUNS"), "{table}");
 }

@@ -1,4 +1,4 @@
-//! Helicopters that no one has flown before: the ladder of `skein fit` makes each fly the default ring.
+//! Helicopters that no one has flown before: the ladder of `skein xplane fit` makes each fly the default ring.
 
 use std::process::Command;
 
@@ -93,7 +93,7 @@ fn an_aircraft_that_was_never_fitted_is_refused_with_the_command_that_fits_it() 
             let ended = skein.current_dir(&folder).args(command).output().unwrap();
             let printed = String::from_utf8_lossy(&ended.stderr).replace(['\n', '\r'], " ");
             assert_eq!(ended.status.code(), Some(2), "{command:?}: {printed}");
-            let remedy = format!("skein fit my-{name} --base {name} --xplane HOST");
+            let remedy = format!("skein xplane fit my-{name} --base {name} --xplane HOST");
             assert!(printed.contains(&remedy), "{command:?}: {printed}");
         }
     }

@@ -72,17 +72,17 @@ const CASES: &[(&str, &str)] = &[
     ("a folder that has files already", "skein fly --out full"),
     ("a folder that cannot be written", "skein fly --out /proc/run"),
     ("a folder of runs that cannot be written", "SKEIN_RUNS=/proc/runs skein study hover --set duration_s=1"),
-    ("a port in use", "skein standin --port USED"),
+    ("a port in use", "skein xplane standin --port USED"),
     ("an X-Plane that is not there", "skein fly --set swarm.vehicles=1 --xplane 127.0.0.1:SILENT"),
-    ("an X-Plane with a wrong port", "skein check --xplane heli7:x"),
+    ("an X-Plane with a wrong port", "skein xplane check --xplane heli7:x"),
     ("a law whose file is missing", "skein study law.toml"),
     ("a law whose language is missing", "skein study python.toml"),
     ("a cluster without its file", "skein cluster up"),
     ("a variable that names no cluster file", "SKEIN_CLUSTER=no/such.toml skein order hold"),
-    ("a name with a capital and a space", "skein new scenario 'My Ring'"),
-    ("something new that exists", "skein new scenario mine"),
-    ("a search for a misspelt key", "skein explain raduis"),
-    ("a scenario that is not shipped", "skein scenarios huver"),
+    ("a name with a capital and a space", "skein files new scenario 'My Ring'"),
+    ("something new that exists", "skein files new scenario mine"),
+    ("a search for a misspelt key", "skein files explain raduis"),
+    ("a scenario that is not shipped", "skein files scenarios huver"),
 ];
 
 const LAW: &str =
@@ -190,9 +190,11 @@ fn printed_to(stdout: Stdio, arguments: &str) -> (Option<i32>, String) {
 #[test]
 fn a_limit_on_file_sizes_is_an_error_with_its_remedy() {
     let folder = TempDir::new().unwrap();
-    for command in
-        ["scenarios hover >big", "explain --json >big", "study hover --set duration_s=5 --seeds 0..1 --out study"]
-    {
+    for command in [
+        "files scenarios hover >big",
+        "files explain --json >big",
+        "study hover --set duration_s=5 --seeds 0..1 --out study",
+    ] {
         let script = format!("ulimit -f 0; \"$0\" {command}");
         let mut limited = Command::new("sh");
         limited.current_dir(folder.path()).args(["-c", &script, PROGRAM]).stdin(Stdio::null());
@@ -212,8 +214,8 @@ fn what_cannot_be_printed_is_a_failure_unless_its_reader_has_gone() {
         "study --help",
         "check hover",
         "check hover --json",
-        "explain radius",
-        "scenarios",
+        "files explain radius",
+        "files scenarios",
         "completions bash",
         "study hover --set duration_s=5 --no-record --json",
         "study hover --set duration_s=5 --no-record",

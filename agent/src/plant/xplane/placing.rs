@@ -1,4 +1,4 @@
-//! Places an aircraft on the ground at its vehicle's start, by UDP: for an agent before its flight, and for `skein place`.
+//! Places an aircraft on the ground at its vehicle's start, by UDP: for an agent before its flight, and for `skein xplane place`.
 //!
 //! X-Plane confirms no placement. Where the aircraft is decides whether it was placed; until then the placement is repeated.
 

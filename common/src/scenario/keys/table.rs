@@ -1,6 +1,6 @@
 //! The keys of a scenario file, in the order in which the complete file is written, the keys of one table together.
 //!
-//! The last argument of a key is its meaning, followed by the reason for its default. `skein explain` prints it for
+//! The last argument of a key is its meaning, followed by the reason for its default. `skein files explain` prints it for
 //! readers who have never seen the code.
 
 use super::Kind::{
@@ -472,7 +472,7 @@ pub const KEYS: &[Key] = &[
     key("vehicle.N.xplane", Address(""), Nothing,
         "address of this vehicle's X-Plane"),
     key("vehicle.N.web", Address(""), Nothing,
-        "address of that X-Plane's Web API, for `skein check --xplane` and `skein place`; no flight depends on it"),
+        "address of that X-Plane's Web API, for `skein xplane check --xplane` and `skein xplane place`; no flight depends on it"),
     key("vehicle.N.clock_offset_s", from(-1e6, 1e6), number(0.0),
         "how far its clock is ahead of the others'; the swarm does not rely on clocks that agree"),
     key("vehicle.N.clock_drift_ppm", from(-1e3, 1e3), number(0.0),

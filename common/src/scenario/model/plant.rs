@@ -90,7 +90,7 @@ const SPECS: &[PlantSpec] = &[
         name: "standin",
         title: "the stand-in",
         help: "The same helicopter behind X-Plane's UDP protocol",
-        simulator: Simulator::Launched { command: &["standin"] },
+        simulator: Simulator::Launched { command: &["xplane", "standin"] },
         models: &[(ModelKind::Helicopter, CommandKind::Controls)],
         failures: PlayedFailures::Freeze,
         is_ground_flat: true,

@@ -50,7 +50,10 @@ fn an_unknown_key_is_refused_with_the_most_similar_key() {
         ("speed_m_s = 3", "5:1: unknown key `formation.speed_m_s`; did you mean `mission.speed_m_s`?"),
         ("[formaton]", "5:2: unknown key `formaton`; did you mean `formation`?"),
         ("[vehicle.3]\naircarft = 'r22'", "6:1: unknown key `vehicle.3.aircarft`; did you mean `vehicle.3.aircraft`?"),
-        ("qqqqqqqqqqqq = 3", "5:1: unknown key `formation.qqqqqqqqqqqq`; `skein explain formation` lists the keys"),
+        (
+            "qqqqqqqqqqqq = 3",
+            "5:1: unknown key `formation.qqqqqqqqqqqq`; `skein files explain formation` lists the keys",
+        ),
         ("\"radius_m \" = 3", "5:1: unknown key `formation.\"radius_m \"`; did you mean `formation.radius_m`?"),
         ("[\"formation.gamma\"]", "5:2: unknown key `\"formation.gamma\"`; did you mean `formation.gamma`?"),
         (
@@ -66,7 +69,7 @@ fn an_unknown_key_is_refused_with_the_most_similar_key() {
     let events = "events = []\nswarm.vehicles = 4";
     assert_eq!(refusal(events, &[]), "a.toml:1:1: unknown key `events`; did you mean `mission.events`?");
     let external = file_with("[mission]\nsteps = [{ hold_s = 1, formation = { external = { misses = 2 } } }]");
-    let lists = "`skein explain mission.steps[0].formation` lists the keys";
+    let lists = "`skein files explain mission.steps[0].formation` lists the keys";
     let unknown = "unknown key `mission.steps[0].formation.external`";
     assert_eq!(refusal(&external, &[]), format!("a.toml:6:38: {unknown}; {lists}"));
     let extrnal = refusal(&external.replace("external", "extrnal"), &[]);
@@ -90,7 +93,7 @@ fn an_unknown_key_similar_to_none_is_refused_with_all_keys_of_the_table() {
                  `dwell_s`, `speed_m_s`, `formation`";
     check(&[
         ("[mission]\nsteps = [{ qqqq = 1 }]", &format!("6:12: {steps}")),
-        ("qqqqqqqq = 3", "5:1: unknown key `formation.qqqqqqqq`; `skein explain formation` lists the keys"),
+        ("qqqqqqqq = 3", "5:1: unknown key `formation.qqqqqqqq`; `skein files explain formation` lists the keys"),
     ]);
 }
 
@@ -520,12 +523,12 @@ fn an_error_has_its_position_and_key_as_fields() {
 
 #[test]
 fn columns_count_characters_and_no_byte_order_mark() {
-    assert_eq!(refusal("\u{feff}x = 1", &[]), "a.toml:1:1: unknown key `x`; `skein explain` lists the keys");
+    assert_eq!(refusal("\u{feff}x = 1", &[]), "a.toml:1:1: unknown key `x`; `skein files explain` lists the keys");
     let text = "swarm = { name = 'ä', vehicles = 4 }";
     assert_eq!(
         refusal(text, &[]),
         "a.toml:1:18: `swarm.name` has to be 1 to 64 letters, digits, '-' or '_'; \"ä\" is not"
     );
     let text = "# ä\n\"ä\" = { u = 1 }\nswarm.vehicles = 4";
-    assert_eq!(refusal(text, &[]), "a.toml:2:1: unknown key `\"ä\"`; `skein explain` lists the keys");
+    assert_eq!(refusal(text, &[]), "a.toml:2:1: unknown key `\"ä\"`; `skein files explain` lists the keys");
 }

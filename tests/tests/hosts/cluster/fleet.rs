@@ -45,7 +45,7 @@ impl Fleet {
             // every address, because it answers only on its own.
             pc.sh("echo 1 >/proc/sys/net/ipv4/ip_nonlocal_bind").succeeded();
         }
-        command.args(["standin", "--beacon", &beacon, "--port", &PORT.to_string()]);
+        command.args(["xplane", "standin", "--beacon", &beacon, "--port", &PORT.to_string()]);
         command.args(["--lat", &place.latitude_deg().to_string(), "--lon", &place.longitude_deg().to_string()]);
         command.args(["--alt", &place.altitude_m.to_string()]);
         let silent = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());

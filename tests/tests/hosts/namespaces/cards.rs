@@ -72,8 +72,8 @@ fn x_planes_of_every_network_card_are_found_and_the_card_is_named() {
     }
     let namespaces = network();
     let _other = announce(&namespaces, "second", "10.82.0.254", 49_000);
-    let mut doctor = namespaces.command("pc", env!("CARGO_BIN_EXE_skein-under-test"));
-    let found = doctor.args(["doctor", "--wait", "3"]).output().unwrap();
+    let mut check = namespaces.command("pc", env!("CARGO_BIN_EXE_skein-under-test"));
+    let found = check.args(["check", "--pc", "--wait", "3"]).output().unwrap();
     let found = String::from_utf8_lossy(&found.stdout).into_owned();
     assert!(found.contains("12.1.4 on heli at 10.82.0.254:49000 over eth1"), "{found}");
 

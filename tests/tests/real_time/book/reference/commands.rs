@@ -1,7 +1,7 @@
 //! `reference/commands.md`: the long help of every command.
 
 use clap::{Command, CommandFactory};
-use skein::cli::Cli;
+use skein::cli::{Cli, FOR_EXPERTS};
 
 /// The columns of the help.
 const COLUMNS: usize = 100;
@@ -25,7 +25,9 @@ fn help(command: &mut Command) -> String {
 
 /// A section for each command below this one; `skein cluster keys` comes after `skein cluster`.
 fn subcommands(command: &mut Command) -> String {
-    let is_shown = |command: &&mut Command| !command.is_hide_set() && command.get_name() != "help";
+    let is_shown = |command: &&mut Command| {
+        FOR_EXPERTS.contains(&command.get_name()) || !command.is_hide_set() && command.get_name() != "help"
+    };
     let section = |command: &mut Command| {
         let name = command.get_bin_name().unwrap_or_default().to_owned();
         format!("## {name}\n\n{}{}", help(command), subcommands(command))

@@ -11,7 +11,7 @@ use crate::book::PROGRAM;
 /// The page.
 pub(super) fn page() -> String {
     let mut body = format!(
-        "The program explains the same keys:\n\n```console\n$ skein explain band_step\n{}```\n\nThe path of a key is its table and \
+        "The program explains the same keys:\n\n```console\n$ skein files explain band_step\n{}```\n\nThe path of a key is its table and \
          its name: `radius_m` of `[formation]` is `formation.radius_m` for `--set`. `N` is a vehicle's id, `[N]` an index of \
          a list, counted from 0. In the column of units `1` is a pure number. \
          A key with the mark † can [change in flight](../missions.md#tuning-in-flight). Some defaults depend on another key: see [Presets](#presets).\n\n",
@@ -29,9 +29,9 @@ pub(super) fn page() -> String {
     super::page("Keys of a scenario", purpose, "the keys' table", &body)
 }
 
-/// Output of `skein explain`.
+/// Output of `skein files explain`.
 fn explained(pattern: &str) -> String {
-    String::from_utf8(Command::new(PROGRAM).args(["explain", pattern]).output().unwrap().stdout).unwrap()
+    String::from_utf8(Command::new(PROGRAM).args(["files", "explain", pattern]).output().unwrap().stdout).unwrap()
 }
 
 /// The table in which a key is written; empty for the top level.

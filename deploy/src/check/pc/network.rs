@@ -69,7 +69,7 @@ pub(super) fn beacon(wait: Duration) -> Line {
             let found =
                 format!("none announces itself within {} s; the built-in helicopter needs none", wait.as_secs_f64());
             Line {
-                remedy: Some("if one runs: `skein check --xplane HOST` asks it; its beacon is UDP multicast to 239.255.1.1:49707".to_owned()),
+                remedy: Some("if one runs: `skein xplane check --xplane HOST` asks it; its beacon is UDP multicast to 239.255.1.1:49707".to_owned()),
                 ..line("X-Plane", found).unknown()
             }
         }

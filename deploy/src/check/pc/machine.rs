@@ -105,7 +105,7 @@ fn runs(folder: &Path) -> Line {
         Err(error) => return line("runs", format!("{shown}: {error}")).fault(remedy),
     };
     // Only an attempt shows whether the folder can be written to: its file system may be read-only.
-    let probe = there.join(format!(".skein-doctor-{}", std::process::id()));
+    let probe = there.join(format!(".skein-check-{}", std::process::id()));
     if let Err(error) = File::create_new(&probe).and_then(|_| fs::remove_file(&probe)) {
         return line("runs", format!("{shown} cannot be written to: {error}")).fault(remedy);
     }

@@ -72,7 +72,7 @@ fn verdict(answers: &[(&str, Answer)]) -> Line {
         [] if answers.iter().all(is_missing) => line("firewall", "none is installed"),
         [] => line("firewall", "no rule drops incoming packets"),
         several => Line {
-            remedy: Some("`sudo skein doctor` may read them".to_owned()),
+            remedy: Some("`sudo skein check --pc` may read them".to_owned()),
             ..line("firewall", format!("this user may not read the rules of {}", several.join(", "))).unknown()
         },
     }
