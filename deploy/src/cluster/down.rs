@@ -11,7 +11,7 @@ use serde::Serialize;
 use skein_common::id::{VehicleId, VehicleName};
 use skein_common::message::Verb;
 
-use super::nodes::{self, Chosen, NodesArgs, Outcome, Progress, ProgressLine, is_seconds};
+use super::nodes::{self, ChosenNodes, NodesArgs, Outcome, Progress, ProgressLine, is_seconds};
 use super::protocol::{Answer, Ask, FORCED};
 use super::ready::Watch;
 use super::remote::{Fault, Remote};
@@ -42,7 +42,7 @@ pub struct DownArgs {
 
 /// Result of the command.
 #[derive(Debug, Serialize)]
-struct Report {
+struct LandingReport {
     swarm: String,
     /// Whether the vehicles were ordered to land over the mesh, or why not.
     order: String,
@@ -63,7 +63,7 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
     let seconds = progress.seconds();
     drop(progress);
     let report =
-        Report { swarm: chosen.inventory.swarm.to_string(), order: landed.order, seconds, nodes: landed.nodes };
+        LandingReport { swarm: chosen.inventory.swarm.to_string(), order: landed.order, seconds, nodes: landed.nodes };
     skein_lab::terminal::say(&match args.nodes.json {
         true => skein_lab::terminal::json(&report),
         false => format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order),
@@ -87,7 +87,12 @@ pub(super) struct Landed {
 ///
 /// # Errors
 /// If the swarm cannot be observed.
-pub(super) fn land(chosen: &Chosen, ssh: &Ssh, progress: &Progress, timeout_s: Option<f64>) -> Result<Landed, Error> {
+pub(super) fn land(
+    chosen: &ChosenNodes,
+    ssh: &Ssh,
+    progress: &Progress,
+    timeout_s: Option<f64>,
+) -> Result<Landed, Error> {
     let timeout_s = timeout_s.unwrap_or_else(|| chosen.inventory.landing_s());
     let until = clock::now() + Duration::from_secs_f64(timeout_s);
     let all = chosen.ids.len() == chosen.inventory.nodes.len();
@@ -223,7 +228,7 @@ enum Stopped {
 type ByHost = BTreeMap<VehicleName, (Result<Stopped, Fault>, f64)>;
 
 /// Ends every agent over ssh, after its landing, so that nothing restarts it.
-fn stop_all(chosen: &Chosen, remote: &Remote<'_>, progress: &Progress, within_s: f64) -> ByHost {
+fn stop_all(chosen: &ChosenNodes, remote: &Remote<'_>, progress: &Progress, within_s: f64) -> ByHost {
     let done = at_once(&chosen.hosts(), |(host, nodes)| {
         let line = progress.line(host);
         line.say("waiting until its vehicles have landed");

@@ -42,7 +42,7 @@ use super::protocol::{Answer, Ask, Request};
 use crate::capacity::{self, Demand};
 use crate::findings::Line;
 use node::{NodeFolder, Settings};
-use place::Place;
+use place::SwarmFolder;
 use skein_lab::error::Error;
 
 /// `skein node`
@@ -61,7 +61,7 @@ pub struct NodeArgs {
 /// # Errors
 /// If the request is invalid, or this program is not installed in a swarm's folder.
 pub fn run(args: &NodeArgs) -> Result<(), Error> {
-    let place = Place::of_this_program().map_err(Error::Refused)?;
+    let place = SwarmFolder::of_this_program().map_err(Error::Refused)?;
     if let Some(id) = args.fly {
         return service::become_agent(&place.node(id)).map_err(Error::Failed);
     }
@@ -89,7 +89,7 @@ fn read(input: impl Read) -> Result<Request, String> {
     Request::deserialize(&mut input).map_err(|error| format!("not a valid request: {error}"))
 }
 
-fn answer(place: &Place, request: Request) -> Result<Answer, String> {
+fn answer(place: &SwarmFolder, request: Request) -> Result<Answer, String> {
     let Request { swarm, id, ask } = request;
     if swarm != place.swarm {
         return Err(format!("the request is for swarm {swarm}, but this is swarm {}", place.swarm));
@@ -159,7 +159,7 @@ fn seconds(seconds: f64) -> Result<Duration, String> {
 
 /// Writes a node's log to standard output. Following ends when the input closes, because standard output may have
 /// nothing to write for long after its reader has gone.
-fn show_log(place: &Place, node: &NodeFolder, lines: usize, follow: bool) -> Result<(), String> {
+fn show_log(place: &SwarmFolder, node: &NodeFolder, lines: usize, follow: bool) -> Result<(), String> {
     match node.settings().and_then(|settings| place.systemd(settings.service)) {
         Some(systemd) => Err(systemd.become_log(&place.swarm, node, lines, follow)),
         None => {

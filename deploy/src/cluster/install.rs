@@ -16,14 +16,14 @@ use serde::Serialize;
 use skein_common::id::VehicleName;
 
 use super::bundle::Bundle;
-use super::nodes::{self, Chosen, NodesArgs, Progress, ProgressLine, is_seconds};
+use super::nodes::{self, ChosenNodes, NodesArgs, Progress, ProgressLine, is_seconds};
 use super::program::Program;
 use super::protocol::{Answer, Ask, FORCED, Facts, Installed};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, at_once};
 use crate::inventory::Node;
 use roll::Restart;
-use row::{Done, Row};
+use row::{Done, InstalledNode};
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -56,14 +56,14 @@ pub struct InstallArgs {
 
 /// Result of the command.
 #[derive(Debug, Serialize)]
-struct Report {
+struct InstallReport {
     swarm: String,
     dry_run: bool,
     /// Total duration, s.
     seconds: f64,
     /// Time until every node had its files, s.
     installed_s: f64,
-    nodes: Vec<Row>,
+    nodes: Vec<InstalledNode>,
 }
 
 /// Runs the command.
@@ -101,7 +101,8 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     let seconds = progress.seconds();
     drop(progress);
     let swarm = chosen.inventory.swarm.to_string();
-    let report = Report { swarm, dry_run: args.dry_run, seconds, installed_s, nodes: rows.into_values().collect() };
+    let report =
+        InstallReport { swarm, dry_run: args.dry_run, seconds, installed_s, nodes: rows.into_values().collect() };
     skein_lab::terminal::say(&if args.nodes.json {
         skein_lab::terminal::json(&report)
     } else {
@@ -124,7 +125,7 @@ impl Given {
 }
 
 /// Reads and checks everything before the first host is called.
-fn prepare(chosen: &Chosen) -> Result<BTreeMap<VehicleName, Given>, Error> {
+fn prepare(chosen: &ChosenNodes) -> Result<BTreeMap<VehicleName, Given>, Error> {
     let mut programs = BTreeMap::<Option<PathBuf>, Arc<Program>>::new();
     let mut given = BTreeMap::new();
     for node in chosen.nodes() {
@@ -149,7 +150,7 @@ struct Install<'a> {
 }
 
 /// Result for a node, and the restart of its vehicle if one is needed.
-type Became<'a> = (Row, Option<Restart<'a>>);
+type Became<'a> = (InstalledNode, Option<Restart<'a>>);
 
 impl Install<'_> {
     /// Installs all nodes of a host, one after the other.
@@ -160,7 +161,7 @@ impl Install<'_> {
         let mut all = Vec::new();
         for node in nodes {
             let begun = clock::now();
-            let mut row = Row::new(node);
+            let mut row = InstalledNode::new(node);
             let facts = match self.args.rollback {
                 true => self.roll_back(host, node, &mut row),
                 false => self.install(host, node, &mut row, &mut places, &line),
@@ -186,7 +187,7 @@ impl Install<'_> {
         &self,
         host: &Host,
         node: &Node,
-        row: &mut Row,
+        row: &mut InstalledNode,
         places: &mut BTreeMap<(String, String), Result<(), String>>,
         line: &ProgressLine<'_>,
     ) -> Result<Facts, String> {
@@ -227,7 +228,7 @@ impl Install<'_> {
         host: &Host,
         node: &Node,
         given: &Given,
-        row: &mut Row,
+        row: &mut InstalledNode,
         line: &ProgressLine<'_>,
     ) -> Result<(), String> {
         let program = &given.program;
@@ -261,7 +262,7 @@ impl Install<'_> {
     }
 
     /// Determines what would be done on a node.
-    fn foresee(&self, host: &Host, node: &Node, given: &Given, row: &mut Row) -> Result<Facts, String> {
+    fn foresee(&self, host: &Host, node: &Node, given: &Given, row: &mut InstalledNode) -> Result<Facts, String> {
         let facts = match self.remote.ask(host, node, Ask::Facts) {
             Ok(Answer::Facts(facts)) => facts,
             Err(Fault::NotInstalled) => Facts::default(),
@@ -276,7 +277,7 @@ impl Install<'_> {
         Ok(facts)
     }
 
-    fn roll_back(&self, host: &Host, node: &Node, row: &mut Row) -> Result<Facts, String> {
+    fn roll_back(&self, host: &Host, node: &Node, row: &mut InstalledNode) -> Result<Facts, String> {
         let (changed, facts) = done(host, self.remote.ask(host, node, Ask::Rollback))?;
         row.done = if changed { Done::RolledBack } else { Done::Unchanged };
         Ok(facts)

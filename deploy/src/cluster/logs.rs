@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde::Serialize;
 use skein_common::id::VehicleName;
 
-use super::nodes::{self, Chosen};
+use super::nodes::{self, ChosenNodes};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, Ssh, at_once};
 use crate::inventory::{Node, find};
@@ -67,7 +67,7 @@ fn file(text: &str) -> Result<PathBuf, String> {
 /// # Errors
 /// If the cluster file is wrong, or a host could not be asked; the logs of the others are shown then.
 pub fn run(args: &LogsArgs) -> Result<(), Error> {
-    let chosen = Chosen::read(&find::of_option(args.file.as_deref()), &args.nodes)?;
+    let chosen = ChosenNodes::read(&find::of_option(args.file.as_deref()), &args.nodes)?;
     let ssh = Ssh::new(args.verbose);
     let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
     for node in chosen.manual() {

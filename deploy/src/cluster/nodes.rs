@@ -41,8 +41,8 @@ impl NodesArgs {
     ///
     /// # Errors
     /// If the file is wrong, or has no such node.
-    pub fn read(&self) -> Result<Chosen, Error> {
-        Chosen::read(&self.file.path(), &self.nodes)
+    pub fn read(&self) -> Result<ChosenNodes, Error> {
+        ChosenNodes::read(&self.file.path(), &self.nodes)
     }
 
     /// Makes the caller of hosts.
@@ -58,14 +58,14 @@ impl NodesArgs {
 
 /// A cluster and the nodes of it that a command is for.
 #[derive(Clone, Debug)]
-pub struct Chosen {
+pub struct ChosenNodes {
     /// The whole cluster.
     pub inventory: Inventory,
     /// Ids of the chosen nodes.
     pub ids: BTreeSet<VehicleName>,
 }
 
-impl Chosen {
+impl ChosenNodes {
     /// Reads a cluster file and chooses these nodes; no ids choose all.
     ///
     /// # Errors

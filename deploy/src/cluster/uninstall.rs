@@ -32,7 +32,7 @@ pub struct UninstallArgs {
 
 /// Result of the command.
 #[derive(Debug, Serialize)]
-struct Report {
+struct UninstallReport {
     swarm: String,
     /// Total duration, s.
     seconds: f64,
@@ -108,7 +108,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     outcomes.sort_by_key(|outcome| outcome.node);
     let seconds = progress.seconds();
     drop(progress);
-    let report = Report { swarm: chosen.inventory.swarm.to_string(), seconds, nodes: outcomes };
+    let report = UninstallReport { swarm: chosen.inventory.swarm.to_string(), seconds, nodes: outcomes };
     skein_lab::terminal::say(&if args.nodes.json {
         skein_lab::terminal::json(&report)
     } else {

@@ -13,7 +13,7 @@ use skein_common::id::VehicleName;
 
 use super::flown::Evidence;
 use super::install::owner;
-use super::nodes::{self, Chosen, NodesArgs, Progress, is_seconds};
+use super::nodes::{self, ChosenNodes, NodesArgs, Progress, is_seconds};
 use super::protocol::{Answer, Ask, RunningAgent};
 use super::ready::{CONTACT_TIMEOUT, POLL_PERIOD, Watch};
 use super::remote::{Fault, Remote};
@@ -50,7 +50,7 @@ pub struct UpArgs {
 
 /// Result of the command.
 #[derive(Debug, Serialize)]
-struct Report {
+struct StartReport {
     swarm: String,
     run: u64,
     /// Time until every host had reported what it runs, s.
@@ -59,14 +59,14 @@ struct Report {
     started_s: f64,
     /// Total duration, s.
     seconds: f64,
-    nodes: Vec<Row>,
+    nodes: Vec<StartedNode>,
 }
 
 #[derive(Clone, Debug, Serialize)]
-struct Row {
+struct StartedNode {
     node: VehicleName,
     host: String,
-    state: State,
+    state: Readiness,
     /// Whether it flew before.
     ran: bool,
     /// Time until its host reported that it was started, s.
@@ -78,7 +78,7 @@ struct Row {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-enum State {
+enum Readiness {
     Ready,
     Missing,
 }
@@ -98,7 +98,8 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let contact_deadline = clock::now() + CONTACT_TIMEOUT;
     let up = Up { remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm }, chosen: &chosen, progress: &progress };
 
-    let mut rows: BTreeMap<VehicleName, Row> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
+    let mut rows: BTreeMap<VehicleName, StartedNode> =
+        chosen.nodes().map(|node| (node.id, StartedNode::new(node))).collect();
     let (running, notes, owned) = up.ask(&mut rows);
     let asked_s = progress.seconds();
     if !owned.is_empty() {
@@ -130,10 +131,11 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let seconds = progress.seconds();
     drop(progress);
     let swarm = chosen.inventory.swarm.to_string();
-    let report = Report { swarm, run: watch.run, asked_s, started_s, seconds, nodes: rows.into_values().collect() };
+    let report =
+        StartReport { swarm, run: watch.run, asked_s, started_s, seconds, nodes: rows.into_values().collect() };
     skein_lab::terminal::say(&if args.nodes.json { skein_lab::terminal::json(&report) } else { report.to_text() });
     let missing: Vec<VehicleName> =
-        report.nodes.iter().filter(|row| row.state == State::Missing).map(|row| row.node).collect();
+        report.nodes.iter().filter(|row| row.state == Readiness::Missing).map(|row| row.node).collect();
     nodes::fail_if_any(&missing, report.nodes.len(), "not ready")
 }
 
@@ -194,14 +196,14 @@ fn run_of(
 
 struct Up<'a> {
     remote: Remote<'a>,
-    chosen: &'a Chosen,
+    chosen: &'a ChosenNodes,
     progress: &'a Progress,
 }
 
 impl Up<'_> {
     /// Asks what is running already, and for the notes of runs that hosts keep. A host that cannot be asked is noted in
     /// its rows. The last of the results are the nodes that belong to another authority.
-    fn ask(&self, rows: &mut BTreeMap<VehicleName, Row>) -> (RunningAgents, Vec<RunNote>, Vec<VehicleName>) {
+    fn ask(&self, rows: &mut BTreeMap<VehicleName, StartedNode>) -> (RunningAgents, Vec<RunNote>, Vec<VehicleName>) {
         let own = owner::of(&self.chosen.inventory);
         let asked = at_once(&self.chosen.hosts(), |(host, nodes)| {
             let line = self.progress.line(host);
@@ -242,7 +244,7 @@ impl Up<'_> {
 
     /// Returns a text for each host that would have to run more agents than it can, measured there. A host that cannot
     /// be measured is reported and left to its operator.
-    fn full(&self, running: &RunningAgents, rows: &BTreeMap<VehicleName, Row>) -> Vec<String> {
+    fn full(&self, running: &RunningAgents, rows: &BTreeMap<VehicleName, StartedNode>) -> Vec<String> {
         let swarm = self.chosen.inventory.nodes.len();
         let starts = |node: &&Node| rows[&node.id].why.is_none() && running.get(&node.id).is_none_or(Option::is_none);
         let hosts = self.chosen.hosts();
@@ -297,7 +299,7 @@ impl Up<'_> {
         &self,
         (run, note): (u64, Option<RunNote>),
         running: &RunningAgents,
-        rows: &mut BTreeMap<VehicleName, Row>,
+        rows: &mut BTreeMap<VehicleName, StartedNode>,
     ) {
         let hosts = self.chosen.hosts();
         let asked: Vec<_> =
@@ -336,7 +338,7 @@ impl Up<'_> {
 
     /// Waits until every vehicle has reported that it is ready, or until the timeout; then adds the reasons for the
     /// missing ones.
-    fn wait(&self, watch: &mut Watch, timeout: Duration, rows: &mut BTreeMap<VehicleName, Row>) {
+    fn wait(&self, watch: &mut Watch, timeout: Duration, rows: &mut BTreeMap<VehicleName, StartedNode>) {
         let begun = clock::now();
         let line = self.progress.line(&"swarm");
         let all = rows.len();
@@ -354,7 +356,7 @@ impl Up<'_> {
             ready += 1;
             line.say(&format!("node {id} ready, {ready} of {all}"));
             rows.entry(id).and_modify(|row| {
-                row.state = State::Ready;
+                row.state = Readiness::Ready;
                 row.ready_s = Some(self.progress.seconds());
             });
         });
@@ -368,8 +370,8 @@ impl Up<'_> {
     }
 
     /// Adds the last log line of each agent that was started but is not ready.
-    fn last_lines(&self, rows: &mut BTreeMap<VehicleName, Row>) {
-        let silent = |node: &&Node| rows[&node.id].state == State::Missing && rows[&node.id].started_s.is_some();
+    fn last_lines(&self, rows: &mut BTreeMap<VehicleName, StartedNode>) {
+        let silent = |node: &&Node| rows[&node.id].state == Readiness::Missing && rows[&node.id].started_s.is_some();
         let hosts = super::ssh::by_host(self.chosen.nodes().filter(|node| node.install == Install::Ssh).filter(silent));
         let last_lines = at_once(&hosts, |(host, nodes)| {
             let mut all = Vec::new();
@@ -388,27 +390,27 @@ impl Up<'_> {
     }
 }
 
-impl Row {
+impl StartedNode {
     fn new(node: &Node) -> Self {
         let host = nodes::place(node);
-        Self { node: node.id, host, state: State::Missing, ran: false, started_s: None, ready_s: None, why: None }
+        Self { node: node.id, host, state: Readiness::Missing, ran: false, started_s: None, ready_s: None, why: None }
     }
 }
 
-impl Report {
+impl StartReport {
     fn to_text(&self) -> String {
         let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
         let rows = self.nodes.iter().map(|row| {
             let state = match (row.state, row.ran) {
-                (State::Ready, true) => "ready, flew before",
-                (State::Ready, false) => "ready",
-                (State::Missing, _) => "missing",
+                (Readiness::Ready, true) => "ready, flew before",
+                (Readiness::Ready, false) => "ready",
+                (Readiness::Missing, _) => "missing",
             };
             let times = [number(row.started_s), number(row.ready_s)];
             let why = row.why.clone().unwrap_or_default();
             [row.node.to_string(), row.host.clone(), state.to_owned()].into_iter().chain(times).chain([why]).collect()
         });
-        let ready = self.nodes.iter().filter(|row| row.state == State::Ready).count();
+        let ready = self.nodes.iter().filter(|row| row.state == Readiness::Ready).count();
         let table = findings::table(&["node", "host", "state", "started s", "ready s", ""], rows);
         let (all, swarm, run) = (self.nodes.len(), &self.swarm, self.run);
         format!("{table}{ready} of {all} vehicles of {swarm} are ready after {:.1} s (run {run})\n", self.seconds)
@@ -467,8 +469,8 @@ mod tests {
         fs::create_dir_all(program.parent().unwrap()).unwrap();
         fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >asked\necho '{answer}'\n")).unwrap();
         crate::os::set_mode(&program, 0o755).unwrap();
-        let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
-        let mut rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
+        let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
+        let mut rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, StartedNode::new(node))).collect();
         let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
         let up = Up { remote, chosen: &chosen, progress: &Progress::new(true) };
         let running: RunningAgents = chosen.ids.iter().map(|id| (*id, Some(agent.clone()))).collect();
@@ -491,7 +493,7 @@ mod tests {
         crate::os::set_mode(&program, 0o755).unwrap();
         let xplanes = "[defaults]\nplant = 'xplane'\nxplane = '127.0.0.1:49000'";
         let inventory = lab(folder.path(), 3, xplanes);
-        let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
+        let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
         let up = Up {
             remote: Remote { ssh: &ssh, swarm: &chosen.inventory.swarm },
             chosen: &chosen,
@@ -520,8 +522,8 @@ mod tests {
         crate::os::set_mode(&program, 0o755).unwrap();
         let full_of = |vehicles: usize, runs: bool| {
             let inventory = lab(folder.path(), vehicles, "");
-            let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
-            let rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, Row::new(node))).collect();
+            let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
+            let rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, StartedNode::new(node))).collect();
             let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
             let up = Up { remote, chosen: &chosen, progress: &Progress::new(true) };
             let installed = Installed { release: "r1".to_owned(), bundle: "00".to_owned() };
@@ -541,21 +543,22 @@ mod tests {
 
     #[test]
     fn the_table_shows_why_a_vehicle_is_missing() {
-        let row = |id: u8, state, why: Option<&str>| Row {
+        let row = |id: u8, state, why: Option<&str>| StartedNode {
             node: VehicleId::new(id).unwrap().into(),
             host: format!("heli{id}"),
             state,
             ran: id == 2,
             started_s: Some(0.5),
-            ready_s: (state == State::Ready).then_some(1.25),
+            ready_s: (state == Readiness::Ready).then_some(1.25),
             why: why.map(str::to_owned),
         };
         let nodes = vec![
-            row(1, State::Ready, None),
-            row(2, State::Ready, None),
-            row(10, State::Missing, Some("not in contact")),
+            row(1, Readiness::Ready, None),
+            row(2, Readiness::Ready, None),
+            row(10, Readiness::Missing, Some("not in contact")),
         ];
-        let report = Report { swarm: "lab".to_owned(), run: 42, asked_s: 0.3, started_s: 0.6, seconds: 60.04, nodes };
+        let report =
+            StartReport { swarm: "lab".to_owned(), run: 42, asked_s: 0.3, started_s: 0.6, seconds: 60.04, nodes };
         let wanted = " node  host    state               started s  ready s
     1  heli1   ready                     0.5      1.2
     2  heli2   ready, flew before        0.5      1.2

@@ -110,7 +110,7 @@ pub(super) struct Watch {
 pub(super) fn watch(watch: Watch, frames: &watch::Sender<Arc<Frame>>, is_over: impl Fn() -> bool) {
     let Watch { swarm, orders, foxglove, is_reported } = watch;
     let (events, next_try) = (Arc::default(), clock::now());
-    let report = is_reported.then(Report::default);
+    let report = is_reported.then(ProblemLog::default);
     let mut watcher =
         Watcher { swarm, orders, events, number: 0, watched: None, problem: None, next_try, foxglove, report };
     let mut next = clock::now();
@@ -134,19 +134,19 @@ struct Watcher {
     next_try: Instant,
     foxglove: Option<foxglove::Live>,
     /// What was written to stderr, if it is to be.
-    report: Option<Report>,
+    report: Option<ProblemLog>,
 }
 
 /// What the operator at the terminal knows of what keeps the pages empty.
 #[derive(Debug, Default)]
-struct Report {
+struct ProblemLog {
     /// The present problem, and since when.
     present: Option<(Problem, Instant)>,
     /// The problem was written.
     is_written: bool,
 }
 
-impl Report {
+impl ProblemLog {
     /// Takes in the present problem. Returns what is to be written: a problem that lasts, and its end.
     fn take(&mut self, problem: Option<&Problem>, now: Instant) -> Option<String> {
         let Some(problem) = problem else {
@@ -422,7 +422,7 @@ mod tests {
 
     #[test]
     fn a_problem_that_lasts_is_reported_once_and_its_end_too() {
-        let mut report = Report::default();
+        let mut report = ProblemLog::default();
         let zero = clock::now();
         let at = |s: u64| zero + Duration::from_secs(s);
         let problem = |text: &str| Some(Problem { text: text.to_owned(), remedy: "start it".to_owned() });

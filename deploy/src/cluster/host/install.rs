@@ -8,13 +8,18 @@ use std::path::{Path, PathBuf};
 use super::files::{self, at};
 use super::node;
 use super::node::{NodeFolder, Settings, install_name, linked};
-use super::place::{PROGRAM, Place};
+use super::place::{PROGRAM, SwarmFolder};
 use crate::cluster::bundle::{Bundle, BundleFile};
 use crate::cluster::protocol::Installed;
 use crate::os;
 
 /// Installs these files with the program of this release, for the next start. Returns whether anything was written.
-pub(super) fn apply(place: &Place, node: &NodeFolder, bundle: &Bundle, settings: &Settings) -> Result<bool, String> {
+pub(super) fn apply(
+    place: &SwarmFolder,
+    node: &NodeFolder,
+    bundle: &Bundle,
+    settings: &Settings,
+) -> Result<bool, String> {
     check(bundle)?;
     let installed = Installed { release: place.release.clone(), bundle: bundle.id() };
     let program = place.releases().join(&installed.release).join(PROGRAM);
@@ -50,7 +55,7 @@ pub(super) fn rollback(node: &NodeFolder) -> Result<(), String> {
 
 /// Removes the node's folder, what no other node of this host needs, and folders that are empty then. Returns whether
 /// the node existed. The agent must have ended, and the node's lock be held.
-pub(super) fn remove(place: &Place, node: &NodeFolder) -> Result<bool, String> {
+pub(super) fn remove(place: &SwarmFolder, node: &NodeFolder) -> Result<bool, String> {
     let _shared = place.lock()?;
     let was_there = node.path.exists();
     // First remove the links that mark the node as installed.
@@ -138,7 +143,7 @@ fn is_whole(path: &Path, bundle: &Bundle) -> bool {
 }
 
 /// Removes installs and releases that are not needed, and drafts.
-fn prune(place: &Place, node: &NodeFolder) -> Result<(), String> {
+fn prune(place: &SwarmFolder, node: &NodeFolder) -> Result<(), String> {
     let running = node.agent().and_then(|_| linked(&node.active()));
     let needed = [linked(&node.current()), linked(&node.previous()), running];
     for path in files::entries(&node.installs()) {
@@ -155,7 +160,7 @@ fn prune(place: &Place, node: &NodeFolder) -> Result<(), String> {
 }
 
 /// Removes the releases that no install of any node needs. A release without a program is just being copied.
-fn prune_releases(place: &Place, also: Option<&str>) -> Result<(), String> {
+fn prune_releases(place: &SwarmFolder, also: Option<&str>) -> Result<(), String> {
     let nodes = files::entries(&place.folder).into_iter().filter(|path| is_node(path));
     let installs = nodes.flat_map(|node| files::entries(&node.join("installs")));
     let needed: BTreeSet<_> = installs.filter_map(|path| Some(node::installed(&path)?.release)).collect();

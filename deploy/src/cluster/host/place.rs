@@ -28,7 +28,7 @@ use crate::cluster::protocol::Service;
 pub(super) const PROGRAM: &str = "skein";
 /// One swarm's folder on this host, and the release of the program that answers.
 #[derive(Clone, Debug)]
-pub(super) struct Place {
+pub(super) struct SwarmFolder {
     /// `<folder>/<swarm>`
     pub(super) folder: PathBuf,
     /// Name of the swarm: the last component of the folder.
@@ -39,7 +39,7 @@ pub(super) struct Place {
     pub(super) systemd: Systemd,
 }
 
-impl Place {
+impl SwarmFolder {
     /// Finds the swarm's folder from the path of this program.
     pub(super) fn of_this_program() -> Result<Self, String> {
         let program = std::env::current_exe().and_then(fs::canonicalize);
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn a_program_finds_the_swarms_folder_from_its_own_path() {
-        let place = Place::of(Path::new("/home/lab/.skein/lab/releases/0.1.0-1f2e3d4c5b6a/skein")).unwrap();
+        let place = SwarmFolder::of(Path::new("/home/lab/.skein/lab/releases/0.1.0-1f2e3d4c5b6a/skein")).unwrap();
         assert_eq!(place.folder, Path::new("/home/lab/.skein/lab"));
         assert_eq!((place.swarm.as_str(), place.release.as_str()), ("lab", "0.1.0-1f2e3d4c5b6a"));
         let node = place.node("3".parse().unwrap());
@@ -106,7 +106,7 @@ mod tests {
         assert_eq!(installed(&node.install(&of)), Some(of));
         assert_eq!(place.node("3/7".parse().unwrap()).path, place.folder.join("node-3-7"));
         for elsewhere in ["/usr/bin/skein", "/skein", "/home/a b/releases/x/skein", "/lab/release/x/skein"] {
-            assert!(Place::of(Path::new(elsewhere)).is_none(), "{elsewhere}");
+            assert!(SwarmFolder::of(Path::new(elsewhere)).is_none(), "{elsewhere}");
         }
         assert_eq!(installed(Path::new("installs/0.1.0-1f2e3d4c5b6a_00ff.draft")), None);
     }

@@ -13,7 +13,7 @@ use skein_agent::run::{INCARNATION_FILE, RELEASE};
 use super::files::{self, at};
 use super::logs;
 use super::node::{AgentProcess, Moment, NodeFolder, Settings, Started, install_name, linked};
-use super::place::{PROGRAM, Place};
+use super::place::{PROGRAM, SwarmFolder};
 use super::privileges;
 use super::process::Process;
 use super::supervision::note_agent;
@@ -46,7 +46,7 @@ pub(super) struct Ended {
 }
 
 /// Determines the service that restarts this node's agent. With `Auto`, an earlier choice is kept.
-pub(super) fn resolve(place: &Place, node: &NodeFolder, kind: ServiceKind) -> Result<Service, String> {
+pub(super) fn resolve(place: &SwarmFolder, node: &NodeFolder, kind: ServiceKind) -> Result<Service, String> {
     let systemd = &place.systemd;
     match (kind, node.settings()) {
         (ServiceKind::Own, _) => Ok(Service::Own),
@@ -58,7 +58,7 @@ pub(super) fn resolve(place: &Place, node: &NodeFolder, kind: ServiceKind) -> Re
 }
 
 /// Prepares the service to start the node. Returns whether anything was written.
-pub(super) fn install_service(place: &Place, node: &NodeFolder, settings: &Settings) -> Result<bool, String> {
+pub(super) fn install_service(place: &SwarmFolder, node: &NodeFolder, settings: &Settings) -> Result<bool, String> {
     let old = node.settings().map(|settings| settings.service);
     if old.is_some_and(|old| old != settings.service) {
         if is_busy(node) {
@@ -76,7 +76,7 @@ pub(super) fn install_service(place: &Place, node: &NodeFolder, settings: &Setti
 }
 
 /// Removes the node's service.
-pub(super) fn remove_service(place: &Place, node: &NodeFolder) -> Result<(), String> {
+pub(super) fn remove_service(place: &SwarmFolder, node: &NodeFolder) -> Result<(), String> {
     match node.settings().and_then(|settings| place.systemd(settings.service)) {
         Some(systemd) => systemd.remove_service(&place.swarm, node),
         None => Ok(()),
@@ -85,7 +85,7 @@ pub(super) fn remove_service(place: &Place, node: &NodeFolder) -> Result<(), Str
 
 /// Starts the current install in this run of the swarm, and waits until the agent's process exists. A running agent is
 /// not affected. Returns whether anything was started.
-pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<RunNote>) -> Result<bool, String> {
+pub(super) fn start(place: &SwarmFolder, node: &NodeFolder, run: u64, note: Option<RunNote>) -> Result<bool, String> {
     let (Some(installed), Some(settings)) = (linked(&node.current()), node.settings()) else {
         return Err(format!("nothing is installed for node {}", node.id));
     };
@@ -122,12 +122,12 @@ pub(super) fn start(place: &Place, node: &NodeFolder, run: u64, note: Option<Run
 }
 
 /// Asks the agent to land and end. After `within` it is ended wherever the vehicle is.
-pub(super) fn stop(place: &Place, node: &NodeFolder, within: Duration) -> Result<Ended, String> {
+pub(super) fn stop(place: &SwarmFolder, node: &NodeFolder, within: Duration) -> Result<Ended, String> {
     let systemd = node.settings().and_then(|settings| place.systemd(settings.service));
     end(node, systemd.map(|systemd| (systemd, place)), within)
 }
 
-fn end(node: &NodeFolder, systemd: Option<(&Systemd, &Place)>, within: Duration) -> Result<Ended, String> {
+fn end(node: &NodeFolder, systemd: Option<(&Systemd, &SwarmFolder)>, within: Duration) -> Result<Ended, String> {
     let was_busy = is_busy(node);
     let agent = node.agent().map(|agent| agent.process);
     match (systemd, node.supervisor()) {

@@ -13,14 +13,14 @@ use crate::os;
 const REMOVE: Ask = Ask::Remove { within_s: 20.0 };
 
 /// A host as the operator's PC leaves it before the first request.
-fn place(folder: &Path) -> Place {
+fn place(folder: &Path) -> SwarmFolder {
     let release = folder.join("skein/lab/releases/r1");
     fs::create_dir_all(&release).unwrap();
     fs::write(release.join("skein"), "a program").unwrap();
-    Place::of(&release.join("skein")).unwrap()
+    SwarmFolder::of(&release.join("skein")).unwrap()
 }
 
-fn ask(place: &Place, ask: Ask) -> Result<Answer, String> {
+fn ask(place: &SwarmFolder, ask: Ask) -> Result<Answer, String> {
     let request = Request { swarm: place.swarm.clone(), id: "1".parse().unwrap(), ask };
     // Encoded as for a real request.
     let line = serde_json::to_vec(&request).unwrap();
@@ -142,7 +142,7 @@ fn an_impossible_request_fails_and_writes_nothing() {
     for asked in [Ask::Start { run: 1, note: None }, Ask::Stop { within_s: 1.0 }, Ask::Rollback] {
         assert_eq!(ask(&place, asked), Err("nothing is installed for node 1".to_owned()));
     }
-    let other = Place { swarm: SwarmName::new("other").unwrap(), ..place.clone() };
+    let other = SwarmFolder { swarm: SwarmName::new("other").unwrap(), ..place.clone() };
     let request = Request { swarm: other.swarm, id: "1".parse().unwrap(), ask: Ask::Facts };
     assert_eq!(answer(&place, request), Err("the request is for swarm other, but this is swarm lab".to_owned()));
     assert!(read(&b"{\"swarm\":3}"[..]).unwrap_err().starts_with("not a valid request: "));
@@ -198,7 +198,8 @@ fn systemd_starts_and_stops_the_active_install() {
     );
     script(&bin.join("loginctl"), "echo Linger=yes");
     let path = std::env::join_paths([bin, "/usr/bin".into(), "/bin".into()]).unwrap();
-    let place = Place { systemd: Systemd { is_users: true, units: at.join("units"), path: Some(path) }, ..place(at) };
+    let place =
+        SwarmFolder { systemd: Systemd { is_users: true, units: at.join("units"), path: Some(path) }, ..place(at) };
     let agent = r#"{"process":{"pid":%s,"began":null},"restarts":0}"#;
     script(
         &place.releases().join("r1/skein"),

@@ -4,17 +4,17 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use super::row::{Done, Row};
+use super::row::{Done, InstalledNode};
 use super::{Given, InstallArgs};
 use crate::cluster::bundle::BundleFile;
-use crate::cluster::nodes::Chosen;
+use crate::cluster::nodes::ChosenNodes;
 use crate::inventory::Node;
 use crate::os;
 use skein_host::atomic_file::{self, Durability};
 
 /// Writes the folder of a node, with everything that it needs.
-pub(super) fn write(args: &InstallArgs, chosen: &Chosen, node: &Node, given: Option<&Given>) -> Row {
-    let mut row = Row::new(node);
+pub(super) fn write(args: &InstallArgs, chosen: &ChosenNodes, node: &Node, given: Option<&Given>) -> InstalledNode {
+    let mut row = InstalledNode::new(node);
     let Some(given) = given else {
         row.note = Some("installed by hand: bring back by hand what it had".to_owned());
         return row;
@@ -31,7 +31,7 @@ pub(super) fn write(args: &InstallArgs, chosen: &Chosen, node: &Node, given: Opt
     row
 }
 
-fn write_all(folder: &Path, chosen: &Chosen, node: &Node, given: &Given, dry_run: bool) -> io::Result<bool> {
+fn write_all(folder: &Path, chosen: &ChosenNodes, node: &Node, given: &Given, dry_run: bool) -> io::Result<bool> {
     let is_windows = given.program.bytes.starts_with(b"MZ");
     let name = if is_windows { "skein.exe" } else { "skein" };
     let file = |content: &[u8], is_executable| BundleFile { is_secret: false, is_executable, content: content.into() };
@@ -59,7 +59,7 @@ fn write_all(folder: &Path, chosen: &Chosen, node: &Node, given: &Given, dry_run
     Ok(changed)
 }
 
-fn readme(chosen: &Chosen, node: &Node, program: &str) -> String {
+fn readme(chosen: &ChosenNodes, node: &Node, program: &str) -> String {
     let swarm = &chosen.inventory.swarm;
     let (id, address, port) = (node.id, &node.address, node.port);
     let own = match node.binary {

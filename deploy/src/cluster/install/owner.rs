@@ -3,7 +3,7 @@
 use skein_common::id::VehicleName;
 
 use crate::cluster::bundle::authority_of;
-use crate::cluster::nodes::{Chosen, list};
+use crate::cluster::nodes::{ChosenNodes, list};
 use crate::cluster::protocol::{Answer, Ask, Facts};
 use crate::cluster::remote::Remote;
 use crate::cluster::ssh::at_once;
@@ -23,7 +23,7 @@ pub(in crate::cluster) fn another<'a>(facts: &'a Facts, own: Option<&str>) -> Op
 }
 
 /// Asks every chosen host. Returns why nothing may be changed because vehicles fly under another authority; empty if none does.
-pub(super) fn flown_by_another(remote: &Remote<'_>, chosen: &Chosen) -> String {
+pub(super) fn flown_by_another(remote: &Remote<'_>, chosen: &ChosenNodes) -> String {
     let own = of(&chosen.inventory);
     let asked = at_once(&chosen.hosts(), |(host, nodes)| {
         let flies = |id: VehicleName, facts: &Facts| {

@@ -10,7 +10,7 @@ use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::VehicleName;
 
 use super::done;
-use super::row::{Done, Row};
+use super::row::{Done, InstalledNode};
 use crate::cluster::nodes::{Progress, ProgressLine};
 use crate::cluster::protocol::{Ask, Facts};
 use crate::cluster::ready::Watch;
@@ -48,7 +48,7 @@ pub(super) fn roll(
     restarts: &[Restart<'_>],
     timeout_s: f64,
     progress: &Progress,
-    rows: &mut BTreeMap<VehicleName, Row>,
+    rows: &mut BTreeMap<VehicleName, InstalledNode>,
 ) -> Result<(), Error> {
     let mut watch = Watch::open(&inventory.reaches(Role::Observer)?, 0)?;
     let within = Duration::from_secs_f64(timeout_s);

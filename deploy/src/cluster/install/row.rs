@@ -41,7 +41,7 @@ impl Done {
 
 /// Result for one node.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Row {
+pub(super) struct InstalledNode {
     pub(super) node: VehicleName,
     pub(super) host: String,
     pub(super) done: Done,
@@ -64,7 +64,7 @@ pub(super) struct Row {
     pub(super) restart_s: Option<f64>,
 }
 
-impl Row {
+impl InstalledNode {
     pub(super) fn new(node: &Node) -> Self {
         Self {
             node: node.id,
@@ -97,12 +97,12 @@ impl Row {
 }
 
 /// Formats the results as a table.
-pub(super) fn table(rows: &[Row], dry_run: bool) -> String {
+pub(super) fn table(rows: &[InstalledNode], dry_run: bool) -> String {
     let restarted = rows.iter().any(|row| row.restart_s.is_some());
     let mut header = vec!["node", "host", "done", "all s", "copied MB", "copying s"];
     header.extend(restarted.then_some("restart s"));
     header.push("");
-    let cells = |row: &Row| {
+    let cells = |row: &InstalledNode| {
         let number = |value: f64| if value > 0.0 { format!("{value:.1}") } else { String::new() };
         let mut cells = vec![row.node.to_string(), row.host.clone(), row.done.name().to_owned(), number(row.seconds)];
         cells.extend([number(row.copied_bytes as f64 * 1e-6), number(row.copy_s)]);

@@ -28,7 +28,7 @@ fn only_a_vehicle_that_runs_another_version_is_restarted() {
 
 #[test]
 fn the_table_shows_what_was_done() {
-    let mut rows = vec![Row::new(&node(1, Some("heli1"))), Row::new(&node(10, Some("heli10")))];
+    let mut rows = vec![InstalledNode::new(&node(1, Some("heli1"))), InstalledNode::new(&node(10, Some("heli10")))];
     rows[0].done = Done::Installed;
     (rows[0].seconds, rows[0].copied_bytes, rows[0].copy_s) = (2.34, 12_345_678, 0.96);
     rows[1].fail("heli10: no room".to_owned());
@@ -47,7 +47,7 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
     let mut inventory = lab(folder.path(), 2, "");
     let id = "2".parse().unwrap();
     inventory.nodes.get_mut(&id).unwrap().install = How::Manual;
-    let chosen = Chosen { ids: inventory.nodes.keys().copied().collect(), inventory };
+    let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
     let node = chosen.manual().next().unwrap();
     assert_eq!((node.id, chosen.hosts().len()), (id, 1));
     let file = |content: &str, is_secret| BundleFile { is_secret, is_executable: false, content: content.into() };

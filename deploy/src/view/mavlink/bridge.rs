@@ -15,7 +15,7 @@ use skein_common::message::{EventKind, Failure, Severity, Verb};
 use skein_common::scenario::Target;
 use skein_common::state::Activity;
 
-use super::commands::{Command, Meaning, Wanted};
+use super::commands::{Meaning, VehicleCommand, Wanted};
 use super::frames::COMPONENT;
 use super::{AUTOPILOT_VERSION, telemetry};
 use crate::sample::VehicleSample;
@@ -151,7 +151,7 @@ impl Bridge {
             0 => self.vehicles.keys().copied().collect(),
             one => self.vehicles.keys().copied().filter(|id| *id == one).collect(),
         };
-        let command = Command::of(message);
+        let command = VehicleCommand::of(message);
         let mut reaction = Reaction::default();
         for id in addressed {
             let Some(addressee) = self.vehicles.get_mut(&id) else { continue };
@@ -351,7 +351,7 @@ fn uid(swarm: &str, vehicle: VehicleName) -> [u8; UID] {
 
 /// System and component that a request is for; `None` for any other message.
 fn target(message: &MavMessage) -> Option<(u8, u8)> {
-    if let Some(command) = Command::of(message) {
+    if let Some(command) = VehicleCommand::of(message) {
         return Some((command.system, command.component));
     }
     match message {

@@ -8,7 +8,7 @@ use super::modes::Mode;
 
 /// A command to a vehicle, from any message that carries one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Command {
+pub(super) struct VehicleCommand {
     pub(super) command: MavCmd,
     parameters: [f32; 7],
     pub(super) system: u8,
@@ -45,7 +45,7 @@ pub(super) enum Meaning {
     Unsupported,
 }
 
-impl From<&COMMAND_LONG_DATA> for Command {
+impl From<&COMMAND_LONG_DATA> for VehicleCommand {
     fn from(long: &COMMAND_LONG_DATA) -> Self {
         let COMMAND_LONG_DATA { param1, param2, param3, param4, param5, param6, param7, .. } = *long;
         let parameters = [param1, param2, param3, param4, param5, param6, param7];
@@ -54,7 +54,7 @@ impl From<&COMMAND_LONG_DATA> for Command {
     }
 }
 
-impl From<&COMMAND_INT_DATA> for Command {
+impl From<&COMMAND_INT_DATA> for VehicleCommand {
     fn from(int: &COMMAND_INT_DATA) -> Self {
         // The largest integer is an unset coordinate.
         let coordinate = |number: i32| if number == i32::MAX { f32::NAN } else { number as f32 };
@@ -64,7 +64,7 @@ impl From<&COMMAND_INT_DATA> for Command {
     }
 }
 
-impl From<&SET_MODE_DATA> for Command {
+impl From<&SET_MODE_DATA> for VehicleCommand {
     fn from(set: &SET_MODE_DATA) -> Self {
         let (main, sub) = Mode::split(set.custom_mode);
         let parameters = [1.0, main as f32, sub as f32, 0.0, 0.0, 0.0, 0.0];
@@ -73,7 +73,7 @@ impl From<&SET_MODE_DATA> for Command {
     }
 }
 
-impl Command {
+impl VehicleCommand {
     /// The command in this message, if it carries one.
     pub(super) fn of(message: &MavMessage) -> Option<Self> {
         match message {

@@ -26,8 +26,8 @@ impl Host {
         fs::write(folder.join(PROGRAM), release).unwrap();
     }
 
-    fn place(&self, release: &str) -> Place {
-        Place {
+    fn place(&self, release: &str) -> SwarmFolder {
+        SwarmFolder {
             folder: self.swarm(),
             swarm: SwarmName::new("lab").unwrap(),
             release: release.to_owned(),

@@ -3,7 +3,7 @@ use std::process::Output;
 use tempfile::TempDir;
 
 use super::*;
-use crate::cluster::host::place::Place;
+use crate::cluster::host::place::SwarmFolder;
 use crate::cluster::protocol::Installed;
 use skein_common::id::SwarmName;
 
@@ -29,10 +29,10 @@ impl Host {
         Self { folder, systemd }
     }
 
-    fn place(&self) -> Place {
+    fn place(&self) -> SwarmFolder {
         let folder = self.folder.path().join("a b%c/lab");
         let swarm = SwarmName::new("lab").unwrap();
-        Place { folder, swarm, release: "r1".to_owned(), systemd: self.systemd.clone() }
+        SwarmFolder { folder, swarm, release: "r1".to_owned(), systemd: self.systemd.clone() }
     }
 
     fn node(&self) -> NodeFolder {
@@ -107,7 +107,7 @@ fn an_error_of_systemd_is_reported_with_its_own_message() {
 #[test]
 fn a_path_that_a_unit_cannot_contain_is_refused() {
     let host = Host::new(true);
-    let place = Place { folder: "/home/a\"b/lab".into(), ..host.place() };
+    let place = SwarmFolder { folder: "/home/a\"b/lab".into(), ..host.place() };
     assert!(host.systemd.text(&place.swarm, &place.node("1".parse().unwrap())).is_err());
 }
 
