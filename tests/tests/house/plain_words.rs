@@ -173,7 +173,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
         if matches!(name, "target" | ".git" | "golden" | "node_modules" | "html" | "plain_words.rs") {
             continue;
         }
-        let is_read = ["rs", "js", "mjs", "css", "md", "html", "toml", "py", "sh", "service"]
+        let is_read = ["rs", "js", "mjs", "css", "md", "html", "toml", "yml", "py", "sh", "service"]
             .iter()
             .any(|kind| path.extension().is_some_and(|own| own == *kind));
         if path.is_dir() {

@@ -87,9 +87,10 @@ impl Page {
         Self { path: path.to_owned(), text: text.replace('\r', "") }
     }
 
-    /// The README and every chapter, the summary included.
+    /// The README, the papers for contributors and every chapter, the summary included.
     pub(crate) fn all() -> Vec<Self> {
         let mut paths = vec!["README.md".to_owned()];
+        find(&root().join(".github"), ".github", &mut paths);
         find(&root().join(BOOK), BOOK, &mut paths);
         paths.iter().map(|path| Self::read(path)).collect()
     }
