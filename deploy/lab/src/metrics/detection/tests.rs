@@ -20,6 +20,10 @@ fn dead(number: u8) -> VehicleNow {
     VehicleNow { runs: false, ..member(number, &[]) }
 }
 
+fn landed(number: u8, in_contact: &[u8]) -> VehicleNow {
+    VehicleNow { membership: Membership::Left, ..member(number, in_contact) }
+}
+
 fn joining(number: u8, in_contact: &[u8]) -> VehicleNow {
     VehicleNow { membership: Membership::Joining, ..member(number, in_contact) }
 }
@@ -170,9 +174,9 @@ fn the_loss_of_a_dead_restarted_or_landed_vehicle_is_right() {
     detection.reported(4.0, id(3), &EventKind::PeerLost(id(2)));
     detection.observe(4.0, &[member(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1])]);
     // Vehicle 1 has landed.
-    detection.observe(9.0, &[joining(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
+    detection.observe(9.0, &[landed(1, &[2, 3]), member(2, &[1, 3]), member(3, &[1, 2])]);
     detection.reported(10.0, id(3), &EventKind::PeerLost(id(1)));
-    detection.observe(10.0, &[joining(1, &[2, 3]), member(2, &[1, 3]), member(3, &[2])]);
+    detection.observe(10.0, &[landed(1, &[2, 3]), member(2, &[1, 3]), member(3, &[2])]);
     assert_eq!(detection.false_suspicions(), 0);
 }
 
@@ -196,8 +200,7 @@ fn a_restarted_agent_that_leaves_before_it_is_a_member_has_not_failed_to_rejoin(
     detection.observe(12.0, &[member(1, &[3]), dead(2), member(3, &[1])]);
     detection.restarted(30.0, id(2));
     detection.observe(31.0, &[member(1, &[2, 3]), joining(2, &[1, 3]), member(3, &[1, 2])]);
-    let left = VehicleNow { membership: Membership::Left, ..member(2, &[1, 3]) };
-    detection.observe(55.0, &[member(1, &[2, 3]), left, member(3, &[1, 2])]);
+    detection.observe(55.0, &[member(1, &[2, 3]), landed(2, &[1, 3]), member(3, &[1, 2])]);
     let (_, rejoin) = figures(&detection, 100.0);
     assert_eq!((rejoin.s(), rejoin.is_never()), (None, false));
 }
