@@ -12,9 +12,9 @@ use skein_common::math;
 
 use crate::aircraft::Aircraft;
 use crate::control::{Rules, VehicleController};
-use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::estimate::Estimate;
 use crate::helicopter::{BuiltInVehicle, Parameters, Start, TICK_S, Weather};
+use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 
 /// The names of the axes, in the order of [`of_each_axis`].
 pub const AXES: [&str; 4] = ["roll", "pitch", "heading", "collective"];

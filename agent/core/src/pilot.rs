@@ -5,10 +5,10 @@ use skein_common::scenario::Scenario;
 
 use crate::aircraft::Aircraft;
 use crate::control::{Controller, Rules};
-use crate::setpoint::Setpoint;
 use crate::estimate::Estimate;
 use crate::helicopter::TICK_S;
 use crate::plant::{Command, Frame};
+use crate::setpoint::Setpoint;
 
 /// Keeps the velocity and the altitude that the vehicle has when this pilot gets the controls. It moves the controls itself,
 /// so that the agent gets them back in other positions than it left them in.

@@ -7,6 +7,7 @@
 mod book;
 mod clients;
 mod external;
+mod far;
 mod fly;
 mod fly_fleet;
 mod garbage;

@@ -5,9 +5,9 @@ use skein_common::message::{Header, PeerAge, PeerContact, Summary, Trace};
 use skein_common::time::Now;
 
 use super::{Agent, LastStep};
-use crate::setpoint::Setpoint;
 use crate::peers::PeerEstimate;
 use crate::plant::{Command, GroundTruth};
+use crate::setpoint::Setpoint;
 
 impl Agent {
     /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself

@@ -4,9 +4,7 @@ use alloc::boxed::Box;
 
 use skein_common::scenario::{CommandKind, Scenario};
 
-use super::{
-    ControlFault, ControlOutput, Gains, Rules, Trim, VehicleController, VelocityController,
-};
+use super::{ControlFault, ControlOutput, Gains, Rules, Trim, VehicleController, VelocityController};
 use crate::estimate::Estimate;
 use crate::plant::{Command, Controls};
 use crate::setpoint::{CollectiveLimit, Setpoint};

@@ -9,6 +9,7 @@ use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNe
 use skein_common::math;
 
 use super::*;
+use crate::setpoint::VELOCITY_PER_ERROR_PER_S;
 
 /// Trim of the built-in helicopter.
 pub(super) const TRIM: Trim = Trim {

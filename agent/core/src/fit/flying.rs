@@ -4,9 +4,9 @@ use nalgebra::Vector2;
 
 use super::{FitError, Found, Verdict};
 use crate::control::{Gains, Rules, Trim, VehicleController};
-use crate::setpoint::Setpoint;
 use crate::estimate::Estimate;
 use crate::plant::Controls;
+use crate::setpoint::Setpoint;
 
 /// Height of the hover above standing, m.
 pub(super) const HOVER_M: f64 = 6.0;

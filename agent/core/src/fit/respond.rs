@@ -5,9 +5,9 @@ use skein_common::frame::HeadingFrame;
 
 use super::flying::Flying;
 use super::{Axis, FitError, Found, Mean, Responses, Verdict};
-use crate::setpoint::VELOCITY_PER_ERROR_PER_S;
 use crate::estimate::Estimate;
 use crate::plant::Controls;
+use crate::setpoint::VELOCITY_PER_ERROR_PER_S;
 
 /// Responses of the built-in helicopter per full control, measured in the same way; a test compares them.
 pub(super) const REFERENCE: Responses =

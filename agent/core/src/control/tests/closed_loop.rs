@@ -12,6 +12,7 @@ use skein_common::math;
 
 use super::*;
 use crate::helicopter::{BuiltInVehicle, Parameters, Start, TICK_S, Weather};
+use crate::setpoint::VELOCITY_PER_ERROR_PER_S;
 
 const CALM: Weather = Weather { wind_m_s: 0.0, wind_from_rad: 0.0, gust_w20_m_s: 0.0 };
 const ALTITUDE_M: f64 = 30.0;

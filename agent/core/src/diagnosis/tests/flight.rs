@@ -9,11 +9,11 @@ use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
 use crate::control::{Rules, VehicleController};
-use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::helicopter::{BuiltInVehicle, Failures, Start, TICK_S, Weather};
 use crate::plant::{Controls, GroundTruth};
+use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
 
 /// The sensing of a vehicle.
 #[derive(Clone, Copy, Debug)]
