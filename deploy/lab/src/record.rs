@@ -53,7 +53,7 @@ use skein_common::scenario::ScenarioError;
 pub use channels::{Channels, Sink};
 pub use csv::csv;
 pub(crate) use draft::Draft;
-pub use fleet::{FLEET_FILE, FleetPlaces, FleetWriter, TeamPlaces, VehiclePlace, read_fleet};
+pub use fleet::{FLEET_FILE, FleetPlaces, TeamPlaces, VehiclePlace, read_fleet};
 pub(crate) use format::log_time_ns;
 pub use merge::merge;
 pub use player::{PlayedEvent, PlayedPlace, Player, Replay};

@@ -199,7 +199,7 @@ impl Flights {
             for (at, what) in flight.take_noted() {
                 match what {
                     NotedKind::Event(vehicle, what) => recorder.event(at, team.id, vehicle, what),
-                    NotedKind::Fault(fault) => recorder.fault(at, team.id, fault),
+                    NotedKind::Fault(fault) => recorder.fault(at, team.id, &fault),
                 }
             }
             if is_due {

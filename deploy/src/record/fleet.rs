@@ -1,45 +1,28 @@
-//! Records a live fleet as [`FleetWriter`] writes it: places at the fleet's own rate, events and faults of all teams. A
-//! thread of its own writes, behind a bounded queue, so that the caller never blocks.
+//! Records a live fleet: places at the fleet's own rate, events and faults of all teams.
 
 use std::path::Path;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
-use skein_common::id::{TeamId, VehicleId};
+use skein_common::id::{TeamId, VehicleId, VehicleName};
 use skein_common::message::{EventKind, Message as _, Trace};
 use skein_common::scenario::{Described, Scenario};
-use skein_host::clock::{self, Utc};
 use skein_lab::error::Error;
 use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::Run;
-use skein_lab::record::{FLUSH, FleetWriter, RecordError, TeamPlaces, VehiclePlace};
+use skein_lab::record::{RecordError, RecordingInfo, TeamPlaces, VehiclePlace};
 
-/// Capacity of the queue of entries to be written: at the highest rate ten minutes of four teams, or the events of a minute.
-const QUEUE: usize = 25_000;
+use super::Recorder;
 
 /// Records a fleet until it is finished.
 pub struct FleetRecorder {
-    queue: SyncSender<Entry>,
-    writing: JoinHandle<Result<(), RecordError>>,
-    utc: Utc,
+    file: Recorder,
     /// Origin of the fleet's frame.
     origin: Origin,
     period: Duration,
     /// Beginning of the window, and the time of the next places; `None` before it.
     window: Option<(Instant, Instant)>,
-    dropped: u64,
     samples: u64,
-}
-
-/// An entry of the recording, to be written by the thread.
-enum Entry {
-    /// The window begins at this log time, ns.
-    Begins(u64),
-    Places(TeamPlaces),
-    Event(f64, TeamId, VehicleId, EventKind),
-    Fault(f64, TeamId, InjectedFault),
 }
 
 impl FleetRecorder {
@@ -50,26 +33,11 @@ impl FleetRecorder {
     pub fn begin(path: &Path, described: &Described) -> Result<Self, Error> {
         let scenario = &described.first().scenario;
         let team = scenario.team.ok_or_else(|| Error::Refused("one swarm is not a fleet".to_owned()))?;
-        let failed = |error: RecordError| Error::Failed(format!("no recording: {error}"));
-        let mut run = Run::new(scenario, "fly");
-        run.vehicles = described.all().iter().map(|team| team.scenario.swarm.vehicles).sum();
-        run.seed = team.seed;
-        let writer = FleetWriter::live(path, &run, &described.to_toml()).map_err(failed)?;
-        let (queue, entries) = sync_channel(QUEUE);
-        let thread = thread::Builder::new().name("record-fleet".to_owned());
-        let writing = thread
-            .spawn(move || write(writer, &entries))
-            .map_err(|error| Error::Failed(format!("no recording: thread: {error}")))?;
-        Ok(Self {
-            queue,
-            writing,
-            utc: Utc::read(),
-            origin: Origin::new(team.origin.geodetic()),
-            period: Duration::from_secs_f64(1.0 / team.record_hz),
-            window: None,
-            dropped: 0,
-            samples: 0,
-        })
+        let run = Run::of_fleet(described.all().iter().map(|team| &team.scenario), team.seed, "fly");
+        let about = RecordingInfo { scenario, scenario_toml: &described.to_toml(), run: &run, clock: "" };
+        let file = Recorder::of_fleet(path, &about).map_err(|error| Error::Failed(format!("no recording: {error}")))?;
+        let (origin, period) = (Origin::new(team.origin.geodetic()), Duration::from_secs_f64(1.0 / team.record_hz));
+        Ok(Self { file, origin, period, window: None, samples: 0 })
     }
 
     /// Whether the window has begun: nothing is recorded before.
@@ -80,7 +48,7 @@ impl FleetRecorder {
     /// Begins the window.
     pub fn window_begins(&mut self, at: Instant) {
         self.window = Some((at, at));
-        self.enqueue(Entry::Begins(self.utc.nanoseconds(at)));
+        self.file.window_begins(at);
     }
 
     /// Whether places are to be recorded now. Answers once for each sample.
@@ -93,7 +61,7 @@ impl FleetRecorder {
 
     /// Records where these vehicles of a team are, by their newest traces.
     pub fn places<'a>(&mut self, now: Instant, team: &Scenario, traces: impl Iterator<Item = &'a Trace>) {
-        let (Some(t_s), Some(in_fleet)) = (self.t_s(now), team.team) else { return };
+        let (Some((zero, _)), Some(in_fleet)) = (self.window, team.team) else { return };
         let origin = Origin::new(team.origin.geodetic());
         let plausible = traces.filter(|trace| trace.is_plausible());
         let vehicles = plausible.map(|trace| {
@@ -107,20 +75,21 @@ impl FleetRecorder {
             )
         });
         let vehicles = vehicles.collect();
-        self.enqueue(Entry::Places(TeamPlaces { team: in_fleet.id, t_s, vehicles }));
+        let t_s = now.saturating_duration_since(zero).as_secs_f64();
+        self.file.places(now, TeamPlaces { team: in_fleet.id, t_s, vehicles });
     }
 
     /// Records an event that a vehicle reported.
     pub fn event(&mut self, at: Instant, team: TeamId, vehicle: VehicleId, what: EventKind) {
-        if let Some(t_s) = self.t_s(at) {
-            self.enqueue(Entry::Event(t_s, team, vehicle, what));
+        if self.has_begun() {
+            self.file.event(at, VehicleName { team: Some(team), vehicle }, what);
         }
     }
 
     /// Records a fault that was injected into a team.
-    pub fn fault(&mut self, at: Instant, team: TeamId, fault: InjectedFault) {
-        if let Some(t_s) = self.t_s(at) {
-            self.enqueue(Entry::Fault(t_s, team, fault));
+    pub fn fault(&mut self, at: Instant, team: TeamId, fault: &InjectedFault) {
+        if self.has_begun() {
+            self.file.fault(at, Some(team), fault);
         }
     }
 
@@ -131,7 +100,7 @@ impl FleetRecorder {
 
     /// Whether writing has failed and nothing more is recorded. [`Self::finish`] returns the error.
     pub fn has_failed(&self) -> bool {
-        self.writing.is_finished()
+        self.file.has_failed()
     }
 
     /// Closes the file and returns the number of entries dropped.
@@ -139,43 +108,14 @@ impl FleetRecorder {
     /// # Errors
     /// If writing has failed since the beginning: the first error.
     pub fn finish(self) -> Result<u64, RecordError> {
-        drop(self.queue);
-        self.writing.join().unwrap_or(Err(RecordError::Missing("the thread that writes")))?;
-        Ok(self.dropped)
-    }
-
-    /// Time since the beginning of the window, s; `None` before it.
-    fn t_s(&self, at: Instant) -> Option<f64> {
-        self.window.map(|(zero, _)| at.saturating_duration_since(zero).as_secs_f64())
-    }
-
-    fn enqueue(&mut self, entry: Entry) {
-        self.dropped += u64::from(self.queue.try_send(entry).is_err());
-    }
-}
-
-/// Runs in the thread: writes entries until the queue closes or writing fails.
-fn write(mut writer: FleetWriter, entries: &Receiver<Entry>) -> Result<(), RecordError> {
-    let mut flush_at = clock::now() + FLUSH;
-    loop {
-        match entries.recv_timeout(flush_at.saturating_duration_since(clock::now())) {
-            Ok(Entry::Begins(log_time_ns)) => writer.window_begins(log_time_ns),
-            Ok(Entry::Places(places)) => writer.places(&places)?,
-            Ok(Entry::Event(t_s, team, vehicle, what)) => writer.event(t_s, team, vehicle, &what)?,
-            Ok(Entry::Fault(t_s, team, fault)) => writer.fault(t_s, team, &fault)?,
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return writer.finish(),
-        }
-        if clock::now() >= flush_at {
-            writer.flush()?;
-            flush_at = clock::now() + FLUSH;
-        }
+        self.file.finish()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use skein_common::scenario::{Source, load_any};
+    use skein_host::clock;
     use skein_lab::record::{FLEET_FILE, read_fleet};
     use skein_lab::scenario::ScenarioArgs;
     use skein_lab::world::World;

@@ -9,12 +9,12 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel, sync_chan
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use skein_common::id::VehicleId;
-use skein_common::message::{Event, Severity, Trace};
+use skein_common::id::{TeamId, VehicleId, VehicleName};
+use skein_common::message::{Event, EventKind, Header, Severity, Trace};
 
 use skein_host::clock::{self, Utc};
 use skein_lab::faults::InjectedFault;
-use skein_lab::record::{FLUSH, RecordError, RecordingInfo, Writer};
+use skein_lab::record::{FLUSH, RecordError, RecordingInfo, TeamPlaces, Writer};
 
 /// Capacity of the queue of entries to be written: two seconds of 250 vehicles.
 const QUEUE: usize = 25_000;
@@ -23,7 +23,7 @@ const SYNC: Duration = Duration::from_secs(1);
 /// The clock of the log times, as the recording states it.
 const CLOCK: &str = "UTC when the recorder received it";
 
-/// Records a swarm until it is finished. Log times are UTC.
+/// Records a swarm or a fleet until it is finished. Log times are UTC.
 pub struct Recorder {
     queue: SyncSender<(u64, Entry)>,
     writing: JoinHandle<Result<(), RecordError>>,
@@ -36,8 +36,9 @@ pub struct Recorder {
 /// An entry of the recording, to be written by the thread.
 enum Entry {
     Step(Box<Trace>),
-    Happened(Event),
-    InjectedFault(InjectedFault),
+    Places(TeamPlaces),
+    Happened(VehicleName, Option<Header>, EventKind),
+    InjectedFault(Option<TeamId>, InjectedFault),
     Note {
         severity: Severity,
         who: String,
@@ -56,12 +57,29 @@ impl Recorder {
     /// # Errors
     /// If the file exists already or cannot be written.
     pub fn begin(path: &Path, about: &RecordingInfo<'_>, hz: f64) -> Result<Self, RecordError> {
+        Self::with(path, about, hz, Writer::new)
+    }
+
+    /// Creates the file of a fleet at `path`, which has places, events and faults.
+    ///
+    /// # Errors
+    /// As [`Self::begin`].
+    pub(super) fn of_fleet(path: &Path, about: &RecordingInfo<'_>) -> Result<Self, RecordError> {
+        Self::with(path, about, f64::INFINITY, Writer::of_fleet)
+    }
+
+    fn with(
+        path: &Path,
+        about: &RecordingInfo<'_>,
+        hz: f64,
+        writer: fn(BufWriter<File>, &RecordingInfo<'_>, u64) -> Result<Writer<BufWriter<File>>, RecordError>,
+    ) -> Result<Self, RecordError> {
         let io = |error: io::Error| RecordError::Io { path: path.to_owned(), error };
         let file = File::options().write(true).create_new(true).open(path).map_err(io)?;
         let synced = file.try_clone().map_err(io)?;
         let utc = Utc::read();
         let about = RecordingInfo { clock: CLOCK, ..*about };
-        let writer = Writer::new(BufWriter::new(file), &about, utc.nanoseconds(clock::now()))?;
+        let writer = writer(BufWriter::new(file), &about, utc.nanoseconds(clock::now()))?;
         let (queue, entries) = sync_channel(QUEUE);
         let thread = thread::Builder::new().name("record".to_owned());
         let path = path.to_owned();
@@ -81,12 +99,22 @@ impl Recorder {
 
     /// Records an event that a vehicle reported.
     pub fn happened(&mut self, at: Instant, event: &Event) {
-        self.enqueue(at, Entry::Happened(*event));
+        self.enqueue(at, Entry::Happened(event.header.sender.into(), Some(event.header), event.what));
     }
 
-    /// Records a fault that was injected into the swarm.
-    pub fn fault(&mut self, at: Instant, fault: &InjectedFault) {
-        self.enqueue(at, Entry::InjectedFault(fault.clone()));
+    /// Records an event of a vehicle of a fleet.
+    pub(super) fn event(&mut self, at: Instant, sender: VehicleName, what: EventKind) {
+        self.enqueue(at, Entry::Happened(sender, None, what));
+    }
+
+    /// Records a fault that was injected into the swarm, or into this team of a fleet.
+    pub fn fault(&mut self, at: Instant, team: Option<TeamId>, fault: &InjectedFault) {
+        self.enqueue(at, Entry::InjectedFault(team, fault.clone()));
+    }
+
+    /// Records where the vehicles of a team of a fleet are.
+    pub(super) fn places(&mut self, at: Instant, places: TeamPlaces) {
+        self.enqueue(at, Entry::Places(places));
     }
 
     /// Records a note for human readers.
@@ -180,8 +208,9 @@ fn write(
 fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, entry: Entry) {
     match entry {
         Entry::Step(trace) => writer.step(log_time_ns, &trace),
-        Entry::Happened(Event { header, what }) => writer.event(log_time_ns, header.sender, Some(&header), &what),
-        Entry::InjectedFault(fault) => writer.fault(log_time_ns, &fault),
+        Entry::Places(places) => writer.places(log_time_ns, &places),
+        Entry::Happened(sender, header, what) => writer.event(log_time_ns, sender, header.as_ref(), &what),
+        Entry::InjectedFault(team, fault) => writer.fault(log_time_ns, team, &fault),
         Entry::Note { severity, who, what } => writer.note(log_time_ns, severity, who, what),
         Entry::Begins => writer.window_begins(log_time_ns),
         Entry::Ends => writer.window_ends(log_time_ns),

@@ -8,11 +8,12 @@ use foxglove::messages::{FrameTransforms, LocationFix, Log, SceneUpdate};
 use serde::Serialize;
 use serde_json::Value;
 use skein_common::frame::Origin;
-use skein_common::id::VehicleId;
+use skein_common::id::{TeamId, VehicleId, VehicleName};
 use skein_common::message::{EventKind, Header, Message, Severity, Trace};
 use skein_common::scenario::{Formation, Scenario};
 use skein_common::state::Membership;
 
+use super::fleet::{TEAMS, TeamLine, TeamPlaces};
 use super::format::{self, EventLine, FaultLine, seconds_since};
 use super::{RecordError, scene, schema};
 use crate::faults::InjectedFault;
@@ -46,7 +47,7 @@ pub trait Sink {
     fn put(&mut self, channel: u16, log_time_ns: u64, message: &[u8]);
 }
 
-/// The channels of one swarm's flight. Every message goes to the sink at once.
+/// The channels of a swarm's flight, or of a fleet's. Every message goes to the sink at once.
 pub struct Channels<S> {
     sink: S,
     numbers: Numbers,
@@ -65,16 +66,18 @@ pub struct Channels<S> {
     bytes: Vec<u8>,
 }
 
-/// The number of each channel.
+/// The number of each channel. A fleet has only places, events and faults, a swarm everything but places.
+#[derive(Default)]
 struct Numbers {
     traces: BTreeMap<VehicleId, u16>,
     locations: BTreeMap<VehicleId, u16>,
-    events: u16,
-    faults: u16,
-    transforms: u16,
-    vehicles: u16,
-    formation: u16,
-    log: u16,
+    places: Option<u16>,
+    events: Option<u16>,
+    faults: Option<u16>,
+    transforms: Option<u16>,
+    vehicles: Option<u16>,
+    formation: Option<u16>,
+    log: Option<u16>,
 }
 
 impl<S: Sink> Channels<S> {
@@ -83,8 +86,20 @@ impl<S: Sink> Channels<S> {
     /// # Errors
     /// The sink does not take a channel.
     pub fn new(mut sink: S, scenario: &Scenario) -> Result<Self, RecordError> {
-        Ok(Self {
-            numbers: Numbers::new(&mut sink, scenario)?,
+        Ok(Self::with(Numbers::new(&mut sink, scenario)?, sink, scenario))
+    }
+
+    /// Adds the channels of a fleet whose first team flies this scenario.
+    ///
+    /// # Errors
+    /// The sink does not take a channel.
+    pub(super) fn of_fleet(mut sink: S, scenario: &Scenario) -> Result<Self, RecordError> {
+        Ok(Self::with(Numbers::of_fleet(&mut sink)?, sink, scenario))
+    }
+
+    fn with(numbers: Numbers, sink: S, scenario: &Scenario) -> Self {
+        Self {
+            numbers,
             sink,
             origin: Origin::new(scenario.origin.geodetic()),
             ids: scenario.ids().collect(),
@@ -94,14 +109,14 @@ impl<S: Sink> Channels<S> {
             drawn: None,
             refused: 0,
             bytes: Vec::new(),
-        })
+        }
     }
 
     /// Draws the vehicles, and the formation with the next step of a vehicle: at the beginning, and again for a new reader.
     pub fn draw(&mut self, log_time_ns: u64) {
         self.drawn = None;
         let vehicles = scene::vehicles(scene::timestamp(log_time_ns), self.ids.iter().copied());
-        self.put_foxglove(Some(self.numbers.vehicles), log_time_ns, || vehicles);
+        self.put_foxglove(self.numbers.vehicles, log_time_ns, || vehicles);
     }
 
     /// Publishes a step of a vehicle. A step with impossible values is only counted.
@@ -113,7 +128,7 @@ impl<S: Sink> Channels<S> {
         let (id, time) = (trace.header.sender, scene::timestamp(log_time_ns));
         self.put_json(self.numbers.traces.get(&id).copied(), log_time_ns, trace);
         let transform = || scene::vehicle_transform(time, trace);
-        self.put_foxglove(Some(self.numbers.transforms), log_time_ns, transform);
+        self.put_foxglove(self.numbers.transforms, log_time_ns, transform);
         let period = log_time_ns / LOCATION_NS;
         if self.located.insert(id, period) != Some(period) {
             let location = scene::location(time, &self.origin, trace);
@@ -123,26 +138,45 @@ impl<S: Sink> Channels<S> {
     }
 
     /// Publishes an event that a vehicle reported of itself, with the header of its message if it came over the network.
-    pub fn event(&mut self, log_time_ns: u64, sender: VehicleId, header: Option<&Header>, what: &EventKind) {
-        let text = what.to_string();
+    pub fn event(
+        &mut self,
+        log_time_ns: u64,
+        sender: impl Into<VehicleName>,
+        header: Option<&Header>,
+        what: &EventKind,
+    ) {
+        let (VehicleName { team, vehicle: sender }, text) = (sender.into(), what.to_string());
+        if let Some(team) = team {
+            let line = TeamLine { team, vehicle: Some(sender), text, severity: what.severity() };
+            return self.put_json(self.numbers.events, log_time_ns, &line);
+        }
         self.note(log_time_ns, what.severity(), format!("vehicle {sender}"), text.clone());
         let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
         let line = EventLine { vehicle: sender, incarnation, sequence, text: text.into(), what: *what };
-        self.put_json(Some(self.numbers.events), log_time_ns, &line);
+        self.put_json(self.numbers.events, log_time_ns, &line);
     }
 
-    /// Publishes a fault that was injected into the swarm.
-    pub fn fault(&mut self, log_time_ns: u64, fault: &InjectedFault) {
+    /// Publishes a fault that was injected into the swarm, or into this team of a fleet.
+    pub fn fault(&mut self, log_time_ns: u64, team: Option<TeamId>, fault: &InjectedFault) {
         let text = fault.to_string();
+        if let Some(team) = team {
+            let line = TeamLine { team, vehicle: format::vehicle_of(fault), text, severity: Severity::Error };
+            return self.put_json(self.numbers.faults, log_time_ns, &line);
+        }
         self.note(log_time_ns, Severity::Error, "swarm".to_owned(), text.clone());
         let line = FaultLine { vehicle: format::vehicle_of(fault), text: text.into(), what: Cow::Borrowed(fault) };
-        self.put_json(Some(self.numbers.faults), log_time_ns, &line);
+        self.put_json(self.numbers.faults, log_time_ns, &line);
+    }
+
+    /// Publishes the places of a team's vehicles.
+    pub(super) fn places(&mut self, log_time_ns: u64, places: &TeamPlaces) {
+        self.put_json(self.numbers.places, log_time_ns, places);
     }
 
     /// Publishes a line of the log, from source `who`.
     pub fn note(&mut self, log_time_ns: u64, severity: Severity, who: String, what: String) {
         let line = || scene::line(scene::timestamp(log_time_ns), severity, who, what);
-        self.put_foxglove(Some(self.numbers.log), log_time_ns, line);
+        self.put_foxglove(self.numbers.log, log_time_ns, line);
     }
 
     /// Number of steps that were refused because of impossible values.
@@ -182,10 +216,10 @@ impl<S: Sink> Channels<S> {
         let centre = scene::centre_transform(time, trace.centre_ne_m, formation.altitude_m);
         let is_new = self.drawn.as_ref() != Some(&*formation);
         let drawn = is_new.then(|| (scene::formation(time, &formation), formation.into_owned()));
-        self.put_foxglove(Some(self.numbers.transforms), log_time_ns, || centre);
+        self.put_foxglove(self.numbers.transforms, log_time_ns, || centre);
         if let Some((drawing, formation)) = drawn {
             self.drawn = Some(formation);
-            self.put_foxglove(Some(self.numbers.formation), log_time_ns, || drawing);
+            self.put_foxglove(self.numbers.formation, log_time_ns, || drawing);
         }
     }
 
@@ -227,12 +261,26 @@ impl Numbers {
         Ok(Self {
             traces,
             locations,
-            events: channel(format::EVENTS, event)?,
-            faults: channel(format::FAULTS, fault)?,
-            transforms: channel(format::TRANSFORMS, transforms)?,
-            vehicles: channel(format::VEHICLES, scene)?,
-            formation: channel(format::FORMATION, scene)?,
-            log: channel(format::LOG, log)?,
+            places: None,
+            events: Some(channel(format::EVENTS, event)?),
+            faults: Some(channel(format::FAULTS, fault)?),
+            transforms: Some(channel(format::TRANSFORMS, transforms)?),
+            vehicles: Some(channel(format::VEHICLES, scene)?),
+            formation: Some(channel(format::FORMATION, scene)?),
+            log: Some(channel(format::LOG, log)?),
+        })
+    }
+
+    fn of_fleet(sink: &mut impl Sink) -> Result<Self, RecordError> {
+        let mut channel = |name: &str, topic: &str, schema: Value| {
+            let (schema, encoding) = json_schema(sink, name, &schema)?;
+            sink.add_channel(topic, schema, encoding).map(Some)
+        };
+        Ok(Self {
+            places: channel("skein.TeamPlaces", TEAMS, schema::of::<TeamPlaces>("skein.TeamPlaces"))?,
+            events: channel("skein.TeamEvent", format::EVENTS, schema::of::<TeamLine>("skein.TeamEvent"))?,
+            faults: channel("skein.TeamFault", format::FAULTS, schema::of::<TeamLine>("skein.TeamFault"))?,
+            ..Self::default()
         })
     }
 }

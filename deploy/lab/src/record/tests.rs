@@ -112,7 +112,7 @@ fn every_recorded_message_is_as_its_schema_describes() {
     }
     let links = vec![(one, two)];
     let faults = [InjectedFault::Died(one), InjectedFault::Failed(one, "servo_stuck"), InjectedFault::Cut { links }];
-    faults.iter().for_each(|fault| writer.fault(0, fault));
+    faults.iter().for_each(|fault| writer.fault(0, None, fault));
     let bytes = writer.finish(0).unwrap().into_inner();
     let mut checked = BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).unwrap() {

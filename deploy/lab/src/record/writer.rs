@@ -5,12 +5,13 @@ use std::io::{Seek, Write};
 
 use mcap::records::MessageHeader;
 use mcap::{Attachment, Compression, WriteOptions};
-use skein_common::id::VehicleId;
+use skein_common::id::{TeamId, VehicleId, VehicleName};
 use skein_common::message::{EventKind, Header, Severity, Trace};
 use skein_common::scenario::Scenario;
 
 use super::RecordError;
 use super::channels::{Channels, Sink};
+use super::fleet::TeamPlaces;
 use super::format::{self, log_time_ns};
 use crate::faults::InjectedFault;
 use crate::metrics::Run;
@@ -23,7 +24,7 @@ const CHUNK_BYTES: u64 = 256 * 1024;
 /// The description of a flight at the beginning of its recording.
 #[derive(Clone, Copy, Debug)]
 pub struct RecordingInfo<'a> {
-    /// The scenario that flies.
+    /// The scenario that flies; of a fleet that of its first team.
     pub scenario: &'a Scenario,
     /// The scenario as a complete TOML file.
     pub scenario_toml: &'a str,
@@ -33,7 +34,7 @@ pub struct RecordingInfo<'a> {
     pub clock: &'a str,
 }
 
-/// Writes a recording. The first error stops the writing; [`Self::finish`] returns it.
+/// Writes a recording of a swarm or of a fleet. The first error stops the writing; [`Self::finish`] returns it.
 pub struct Writer<W: Write + Seek> {
     channels: Channels<McapSink<W>>,
     /// Log time of time 0 of the calls through [`Watch`], ns.
@@ -54,6 +55,23 @@ impl<W: Write + Seek> Writer<W> {
     /// # Errors
     /// The recording cannot be written.
     pub fn new(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
+        Self::with(to, about, zero_ns, Channels::new)
+    }
+
+    /// Begins the recording of a fleet, as [`Self::new`] does that of a swarm: places of vehicles, events and faults of all teams.
+    ///
+    /// # Errors
+    /// The recording cannot be written.
+    pub fn of_fleet(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
+        Self::with(to, about, zero_ns, Channels::of_fleet)
+    }
+
+    fn with(
+        to: W,
+        about: &RecordingInfo<'_>,
+        zero_ns: u64,
+        channels: fn(McapSink<W>, &Scenario) -> Result<Channels<McapSink<W>>, RecordError>,
+    ) -> Result<Self, RecordError> {
         let mut mcap = options().create(to)?;
         mcap.write_metadata(&format::record(format::RUN, run_record(about)))?;
         mcap.attach(&Attachment {
@@ -64,7 +82,7 @@ impl<W: Write + Seek> Writer<W> {
             data: about.scenario_toml.as_bytes().into(),
         })?;
         let sink = McapSink { mcap, sequences: BTreeMap::new(), failed: None };
-        let mut writer = Self { channels: Channels::new(sink, about.scenario)?, zero_ns };
+        let mut writer = Self { channels: channels(sink, about.scenario)?, zero_ns };
         writer.channels.draw(zero_ns);
         writer.flush();
         Ok(writer)
@@ -76,13 +94,24 @@ impl<W: Write + Seek> Writer<W> {
     }
 
     /// Records an event that a vehicle reported of itself, with the header of its message if it came over the network.
-    pub fn event(&mut self, log_time_ns: u64, sender: VehicleId, header: Option<&Header>, what: &EventKind) {
+    pub fn event(
+        &mut self,
+        log_time_ns: u64,
+        sender: impl Into<VehicleName>,
+        header: Option<&Header>,
+        what: &EventKind,
+    ) {
         self.channels.event(log_time_ns, sender, header, what);
     }
 
-    /// Records a fault that was injected into the swarm.
-    pub fn fault(&mut self, log_time_ns: u64, fault: &InjectedFault) {
-        self.channels.fault(log_time_ns, fault);
+    /// Records a fault that was injected into the swarm, or into this team of a fleet.
+    pub fn fault(&mut self, log_time_ns: u64, team: Option<TeamId>, fault: &InjectedFault) {
+        self.channels.fault(log_time_ns, team, fault);
+    }
+
+    /// Records the places of a team's vehicles in a fleet's recording.
+    pub fn places(&mut self, log_time_ns: u64, places: &TeamPlaces) {
+        self.channels.places(log_time_ns, places);
     }
 
     /// Records a line of the log, from source `who`.
@@ -184,7 +213,7 @@ impl<W: Write + Seek> Watch for Writer<W> {
     }
 
     fn fault(&mut self, t_s: f64, fault: &InjectedFault) {
-        Self::fault(self, log_time_ns(self.zero_ns, t_s), fault);
+        Self::fault(self, log_time_ns(self.zero_ns, t_s), None, fault);
     }
 }
 

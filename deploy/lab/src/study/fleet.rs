@@ -15,11 +15,11 @@ use skein_core::helicopter::TICK_S;
 use skein_host::clock::now;
 use skein_host::parallel::at_once;
 
-use super::recorded::RecordRunError;
+use super::recorded::{RecordRunError, RunRecorder};
 use super::{JOIN_LIMIT_S, Study, StudyError, longest_s};
 use crate::metrics::across::Across;
 use crate::metrics::{FleetReport, FleetTraffic, Run, Wall};
-use crate::record::{self, FleetWriter, RecordError};
+use crate::record::{self, RecordError, RecordingInfo};
 use sky::Sky;
 use team::{Team, TeamReport};
 
@@ -73,7 +73,7 @@ struct FleetFlight {
     teams: Vec<Team>,
     sky: Sky,
     across: Across,
-    recorder: Option<FleetWriter>,
+    recorder: Option<RunRecorder>,
     /// Why it is not recorded any more, if it is not.
     recorded: Result<(), RecordError>,
     /// Number of rounds between two recorded places.
@@ -95,10 +95,11 @@ impl FleetFlight {
         let origin = Origin::new(study.origin.geodetic());
         let longest_s = study.teams.iter().map(|team| longest_s(&team.scenario)).fold(0.0, f64::max);
         let run = Run::of_fleet(study.teams.iter().map(|team| &team.scenario), study.seed, "study");
-        let recorder = |recording: &FleetRecording<'_>| {
-            FleetWriter::new(&recording.folder.join(record::FLEET_FILE), &run, recording.scenario_toml)
-        };
-        let recorder = recording.map(recorder).transpose()?;
+        let recorder = recording.zip(first).map(|(recording, scenario)| {
+            let about = RecordingInfo { scenario, scenario_toml: recording.scenario_toml, run: &run, clock: "" };
+            RunRecorder::begin(&recording.folder.join(record::FLEET_FILE), &about, true)
+        });
+        let recorder = recorder.transpose()?;
         let record_hz = first.and_then(|scenario| scenario.team).map_or(1.0, |team| team.record_hz);
         Ok(Self {
             run,
@@ -123,7 +124,8 @@ impl FleetFlight {
         let wall_s = now().duration_since(started).as_secs_f64();
         let flown_s = self.teams.first().map_or(0.0, Team::t_s);
         let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
-        let recorded = self.recorded.and_then(|()| self.recorder.map_or(Ok(()), FleetWriter::finish));
+        let window_s = self.ticks as f64 * TICK_S;
+        let recorded = self.recorded.and_then(|()| self.recorder.map_or(Ok(()), |recorder| recorder.finish(window_s)));
         let (teams, each): (Vec<_>, Vec<_>) = self.teams.into_iter().map(|team| team.report(wall)).unzip();
         let recorded = [recorded].into_iter().chain(each).collect();
         let reports: Vec<_> = teams.iter().map(|team| (team.id, &team.report)).collect();
@@ -167,10 +169,10 @@ impl FleetFlight {
         sky.exchange(teams.iter_mut().map(Team::sent), places.into_iter());
         if let Some(recorder) = &mut self.recorder {
             let with_places = (self.ticks / ROUND_TICKS).is_multiple_of(self.record_rounds);
-            self.recorded = teams.iter_mut().try_for_each(|team| team.record(recorder, origin, with_places));
-            if self.recorded.is_err() {
+            teams.iter_mut().for_each(|team| team.record(&mut recorder.writer, origin, with_places));
+            if recorder.writer.failed().is_some() {
                 // The figures need the room that its file takes.
-                self.recorder = None;
+                self.recorded = self.recorder.take().map_or(Ok(()), |recorder| recorder.finish(0.0));
             }
         }
         if zero_s.is_some() {

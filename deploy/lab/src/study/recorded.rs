@@ -1,7 +1,7 @@
 //! Which runs of a study are recorded: they are flown again, with a recorder looking on.
 
 use std::collections::BTreeSet;
-use std::fs;
+use std::fs::{self, File};
 use std::io::BufWriter;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -76,7 +76,43 @@ pub enum RecordRunError {
 }
 
 /// What log times count from.
-pub(super) const CLOCK: &str = "virtual: 0 is the beginning of the window of the figures";
+const CLOCK: &str = "virtual: 0 is the beginning of the window of the figures";
+
+/// The recording of a flight in virtual time, which appears under its name when it is complete.
+pub(super) struct RunRecorder {
+    /// What writes it.
+    pub(super) writer: Writer<BufWriter<File>>,
+    draft: Draft,
+}
+
+impl RunRecorder {
+    /// Begins a recording at `path`, of a swarm, or with `is_fleet` of a fleet.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(super) fn begin(path: &Path, about: &RecordingInfo<'_>, is_fleet: bool) -> Result<Self, RecordError> {
+        let about = RecordingInfo { clock: CLOCK, ..*about };
+        let draft = Draft::new(path);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(|error| draft.error(error))?;
+        }
+        let to = BufWriter::new(draft.create()?);
+        let mut writer = if is_fleet { Writer::of_fleet(to, &about, 0)? } else { Writer::new(to, &about, 0)? };
+        writer.window_begins(0);
+        Ok(Self { writer, draft })
+    }
+
+    /// Completes the recording of a window of this length, s.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(super) fn finish(self, duration_s: f64) -> Result<(), RecordError> {
+        let Self { mut writer, draft } = self;
+        writer.window_ends(log_time_ns(0, duration_s));
+        let file = writer.finish(0)?.into_inner().map_err(|error| draft.error(error.into_error()))?;
+        draft.finish(&file)
+    }
+}
 
 /// Flies one seed again and records it at `path`, at the scenario's `record.hz`; `as_flown` is that seed's complete scenario
 /// file. The file appears when it is whole. The flight, and so its report, is the same as without a recorder.
@@ -86,14 +122,10 @@ pub(super) const CLOCK: &str = "virtual: 0 is the beginning of the window of the
 pub fn record_run(study: &Study, seed: u64, as_flown: &str, path: &Path) -> Result<Report, RecordRunError> {
     let scenario = Scenario { seed, ..study.scenario.clone() };
     let run = Run::new(&scenario, "study");
-    let about = RecordingInfo { scenario: &scenario, scenario_toml: as_flown, run: &run, clock: CLOCK };
-    let draft = Draft::new(path);
-    let mut writer = Writer::new(BufWriter::new(draft.create()?), &about, 0)?;
-    writer.window_begins(0);
-    let report = study.fly_watched(seed, Some((&mut writer, scenario.record.hz.in_study_hz())))?;
-    writer.window_ends(log_time_ns(0, report.duration_s));
-    let file = writer.finish(0)?.into_inner().map_err(|error| draft.error(error.into_error()))?;
-    draft.finish(&file)?;
+    let about = RecordingInfo { scenario: &scenario, scenario_toml: as_flown, run: &run, clock: "" };
+    let mut recorder = RunRecorder::begin(path, &about, false)?;
+    let report = study.fly_watched(seed, Some((&mut recorder.writer, scenario.record.hz.in_study_hz())))?;
+    recorder.finish(report.duration_s)?;
     Ok(report)
 }
 

@@ -25,7 +25,7 @@ impl Flight {
 
     /// Records a fault that was injected.
     pub(super) fn record_fault(&mut self, now: Instant, fault: &InjectedFault) {
-        self.record(|recorder| recorder.fault(now, fault));
+        self.record(|recorder| recorder.fault(now, None, fault));
         self.note(now, NotedKind::Fault(fault.clone()));
         self.stream(now, Line::of_fault(fault));
     }

@@ -6,8 +6,9 @@ use std::rc::Rc;
 use skein_common::message::EventKind;
 use tempfile::TempDir;
 
+use super::super::fleet::tests::fleet_writer;
 use super::super::tests::steps;
-use super::super::{FLEET_FILE, FleetWriter, RecordingInfo, Sink, Writer, read};
+use super::super::{FLEET_FILE, RecordingInfo, Sink, Writer, log_time_ns, read};
 use super::*;
 use crate::metrics::Run;
 use crate::scenario::ScenarioArgs;
@@ -29,10 +30,10 @@ fn recording(zero_ns: u64) -> (TempDir, PathBuf) {
     for step in steps {
         let t_s = step.plant_time.seconds_since(begins);
         if step.header.sender == id(1) || t_s < 1.0 {
-            writer.step(format::log_time_ns(zero_ns, t_s), &step);
+            writer.step(log_time_ns(zero_ns, t_s), &step);
         }
     }
-    writer.event(format::log_time_ns(zero_ns, 0.5), id(1), None, &EventKind::AtAltitude);
+    writer.event(log_time_ns(zero_ns, 0.5), id(1), None, &EventKind::AtAltitude);
     let path = folder.path().join("run.mcap");
     std::fs::write(&path, writer.finish(0).unwrap().into_inner()).unwrap();
     (folder, path)
@@ -174,7 +175,7 @@ fn a_file_that_is_no_whole_recording_is_refused_with_the_reason() {
 fn a_fleet_moves_from_place_to_place() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(FLEET_FILE);
-    let mut writer = FleetWriter::new(&path, &Run::default(), "[fleet]\nteams = 2\n[swarm]\nvehicles = 2\n").unwrap();
+    let mut writer = fleet_writer(&path, "[fleet]\nteams = 2\n[swarm]\nvehicles = 2\n");
     let place = |number: u8, north_m: f64| VehiclePlace {
         id: id(number),
         step: 1,
@@ -189,11 +190,13 @@ fn a_fleet_moves_from_place_to_place() {
             // Vehicle 2 of team 2 is gone after 10 s.
             let second = (team == 1 || t_s <= 10).then(|| place(2, 500.0));
             let vehicles = std::iter::once(first).chain(second).collect();
-            writer.places(&TeamPlaces { team: TeamId::new(team).unwrap(), t_s: t_s.into(), vehicles }).unwrap();
+            let places = TeamPlaces { team: TeamId::new(team).unwrap(), t_s: t_s.into(), vehicles };
+            writer.places(log_time_ns(0, places.t_s), &places);
         }
     }
-    writer.event(3.0, TeamId::FIRST, id(1), &EventKind::Landed).unwrap();
-    writer.finish().unwrap();
+    let sender = VehicleName { team: Some(TeamId::FIRST), vehicle: id(1) };
+    writer.event(3_000_000_000, sender, None, &EventKind::Landed);
+    writer.finish(0).unwrap();
     let mut player = Player::open(&path).unwrap();
     assert!(player.is_fleet());
     assert_eq!(player.span_s(), (0.0, 19.0));

@@ -1,12 +1,12 @@
 //! One team of a fleet in the air: its world, its figures, and what it exchanges with the other teams.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::BufWriter;
 use std::ops::Range;
 use std::path::Path;
 
 use skein_common::frame::{Origin, PositionNed};
-use skein_common::id::{FleetVehicle, TeamId, VehicleId};
+use skein_common::id::{FleetVehicle, TeamId, VehicleId, VehicleName};
 use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
 use skein_common::topic::Cell;
 use skein_core::agent::Agent;
@@ -16,14 +16,12 @@ use skein_core::neighbourhood::{Homes, Neighbourhood};
 use skein_core::plant::GroundTruth;
 
 use super::super::flight::show;
-use super::super::recorded::{CLOCK, RecordRunError};
+use super::super::recorded::{RecordRunError, RunRecorder};
 use super::super::{Study, StudyError, measure};
 use super::sky::{Sent, Sky};
 use crate::metrics::across::Airborne;
 use crate::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, VehicleNow, VehicleTraffic, Wall};
-use crate::record::{
-    self, Draft, FleetWriter, RecordError, RecordingInfo, TeamPlaces, VehiclePlace, Writer, log_time_ns,
-};
+use crate::record::{self, RecordError, RecordingInfo, TeamPlaces, VehiclePlace, Writer, log_time_ns};
 use crate::recording::NotedKind;
 use crate::world::{Blocks, World};
 
@@ -59,8 +57,7 @@ pub(super) struct Team {
 
 /// The full recording of a team.
 struct TeamRecorder {
-    writer: Writer<BufWriter<File>>,
-    draft: Draft,
+    file: RunRecorder,
     /// Number of frames between two recorded steps.
     every: u64,
     ticks: u64,
@@ -69,23 +66,9 @@ struct TeamRecorder {
 impl TeamRecorder {
     fn new(scenario: &Scenario, folder: &Path, id: TeamId, scenario_toml: &str) -> Result<Self, RecordError> {
         let path = folder.join("teams").join(id.to_string()).join(record::FILE);
-        let draft = Draft::new(&path);
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(|error| draft.error(error))?;
-        }
-        let run = Run::new(scenario, "study");
-        let about = RecordingInfo { scenario, scenario_toml, run: &run, clock: CLOCK };
-        let mut writer = Writer::new(BufWriter::new(draft.create()?), &about, 0)?;
-        writer.window_begins(0);
+        let about = RecordingInfo { scenario, scenario_toml, run: &Run::new(scenario, "study"), clock: "" };
         let every = (1.0 / (TICK_S * scenario.record.hz.in_study_hz())).round().max(1.0) as u64;
-        Ok(Self { writer, draft, every, ticks: 0 })
-    }
-
-    fn finish(self, duration_s: f64) -> Result<(), RecordError> {
-        let Self { mut writer, draft, .. } = self;
-        writer.window_ends(log_time_ns(0, duration_s));
-        let file = writer.finish(0)?.into_inner().map_err(|error| draft.error(error.into_error()))?;
-        draft.finish(&file)
+        Ok(Self { file: RunRecorder::begin(&path, &about, false)?, every, ticks: 0 })
     }
 }
 
@@ -222,7 +205,7 @@ impl Team {
         }
         if let Some(recorder) = &mut self.recorder {
             let is_due = recorder.ticks.is_multiple_of(recorder.every);
-            show(&mut self.world, zero_s, &mut recorder.writer, is_due);
+            show(&mut self.world, zero_s, &mut recorder.file.writer, is_due);
             recorder.ticks += 1;
         }
         measure(&self.world, zero_s, &mut self.metrics, &mut self.vehicles);
@@ -246,31 +229,25 @@ impl Team {
     }
 
     /// Records the events and faults of the round, and where the vehicles are now. `fleet` is the origin of the fleet's frame.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub(super) fn record(
-        &mut self,
-        writer: &mut FleetWriter,
-        fleet: &Origin,
-        with_places: bool,
-    ) -> Result<(), RecordError> {
-        let Some(zero_s) = self.zero_s else { return Ok(()) };
+    pub(super) fn record(&mut self, writer: &mut Writer<BufWriter<File>>, fleet: &Origin, with_places: bool) {
+        let Some(zero_s) = self.zero_s else { return };
         for (t_s, what) in self.noted.iter_mut().flat_map(|noted| noted.drain(..)) {
+            let (at, team) = (log_time_ns(0, t_s), Some(self.id));
             match what {
-                NotedKind::Event(sender, what) => writer.event(t_s, self.id, sender, &what)?,
-                NotedKind::Fault(fault) => writer.fault(t_s, self.id, &fault)?,
+                NotedKind::Event(vehicle, what) => writer.event(at, VehicleName { team, vehicle }, None, &what),
+                NotedKind::Fault(fault) => writer.fault(at, team, &fault),
             }
         }
         if !with_places {
-            return Ok(());
+            return;
         }
         let place = |(id, agent, truth, _): (VehicleId, &Agent, &GroundTruth, _)| {
             let in_fleet = fleet.ned_from_geodetic(&self.origin.geodetic_from_ned(truth.position));
             VehiclePlace::new(id, agent.at_step(), in_fleet, truth.position.altitude_m(), agent.in_place_s().is_some())
         };
         let vehicles = self.world.vehicles().filter(|(_, _, truth, _)| truth.position.is_finite()).map(place).collect();
-        writer.places(&TeamPlaces { team: self.id, t_s: self.world.t_s() - zero_s, vehicles })
+        let t_s = self.world.t_s() - zero_s;
+        writer.places(log_time_ns(0, t_s), &TeamPlaces { team: self.id, t_s, vehicles });
     }
 
     pub(super) fn t_s(&self) -> f64 {
@@ -305,7 +282,7 @@ impl Team {
         let totals = self.world.totals();
         self.metrics.set_totals(totals);
         let report = self.metrics.report(wall);
-        let recorded = self.recorder.take().map_or(Ok(()), |recorder| recorder.finish(report.duration_s));
+        let recorded = self.recorder.take().map_or(Ok(()), |recorder| recorder.file.finish(report.duration_s));
         let (heartbeats, heartbeat_bytes) = self.world.heartbeats_sent();
         // Each message of a vehicle reaches all others of the team.
         let per_s = |count: u64| {
