@@ -190,10 +190,7 @@ impl Flights {
     /// Records where the vehicles are, and what has happened, from the moment when all teams are active.
     fn record(&mut self, now: Instant) {
         let Some(recorder) = &mut self.recorder else { return };
-        if !recorder.has_begun() && self.running.iter().all(Flight::has_begun) {
-            recorder.window_begins(now);
-        }
-        let is_due = recorder.is_due(now);
+        let is_due = recorder.is_due(now, || self.running.iter().all(Flight::has_begun));
         for flight in &mut self.running {
             let Some(team) = flight.scenario().team else { continue };
             for (at, what) in flight.take_noted() {

@@ -7,13 +7,13 @@ use crate::keys::Role;
 use serde_json::{Value, json};
 use skein_common::id::TeamId;
 use skein_common::message::Severity;
-use skein_common::scenario::{Loaded, Scenario, Source, load};
+use skein_common::scenario::{Described, Scenario, Source, load};
 use skein_common::state::Membership;
 
 use super::{FleetRecorder, Recorder};
 use crate::observe::{Observer, SwarmMessage, TraceSubscription};
 use crate::os::Interrupts;
-use crate::reach::{Place, Reach, SwarmArgs};
+use crate::reach::{Reach, SwarmArgs};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::Run;
@@ -109,114 +109,105 @@ fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
     }
 }
 
-/// Records a live swarm until Ctrl-C, or until the file cannot be written. Recording does not affect the flight.
+/// Records until Ctrl-C: a swarm or one team in full, or a fleet with its chosen teams beside it. Returns what was recorded.
 fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written, Error> {
     refuse_existing(out)?;
     let place = swarm.choose()?;
-    let reach = match place.reach_teams(Role::Observer, team.as_slice())? {
-        teams if teams.len() > 1 => return record_fleet(&place, &teams, out),
-        mut one => one.remove(0),
-    };
+    let reaches = place.reach_teams(Role::Observer, team.as_slice())?;
     let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let mut observer = Observer::open(&reach, TraceSubscription::On)?;
-    let received = first_messages(&mut observer, &reach)?;
-    let mut recorder = begin(&reach, out)?;
-    eprintln!("recording {} into {}; Ctrl-C ends the recording", reach.title(), out.display());
-    let mut window = Window::default();
-    received.iter().for_each(|(received, at)| put(&mut recorder, received, *at));
-    while interrupts.count() == 0 && !recorder.has_failed() {
-        observer.poll_timed().iter().for_each(|(received, at)| put(&mut recorder, received, *at));
-        if window.begins(&observer) {
-            recorder.window_begins(clock::now());
+    let described = if reaches.len() > 1 { Some(place.described()?) } else { None };
+    let mut scenarios = described.iter().flat_map(Described::all).map(|team| &team.scenario);
+    let mut teams = Vec::new();
+    for reach in &reaches {
+        teams.push(RecordedTeam::begin(reach, scenarios.next(), out)?);
+    }
+    let mut fleet = described.as_ref().map(|described| FleetRecorder::begin(out, described)).transpose()?;
+    let title = match reaches.as_slice() {
+        [only] => only.title(),
+        _ => format!("fleet {}", place.swarm()),
+    };
+    eprintln!("recording {title} into {}; Ctrl-C ends the recording", out.display());
+    while interrupts.count() == 0 {
+        let now = clock::now();
+        let has_failed = |team: &RecordedTeam<'_>| team.full.as_ref().is_some_and(Recorder::has_failed);
+        if fleet.as_ref().map_or_else(|| teams.iter().any(has_failed), FleetRecorder::has_failed) {
+            break;
         }
+        let is_due =
+            fleet.as_mut().is_some_and(|fleet| fleet.is_due(now, || teams.iter().all(|team| team.window.has_begun)));
+        teams.iter_mut().for_each(|team| team.record(fleet.as_mut(), now, is_due));
         clock::sleep(TICK);
     }
-    let (steps, rejected) = (recorder.steps(), observer.dropped());
-    let dropped = recorder.finish().map_err(|error| about_file(out, &[], error))?;
-    let vehicles = observer.vehicles().values().filter(|view| view.trace.is_some()).count();
-    let text = format!(
-        "{}: {steps} steps of {vehicles} vehicles; dropped: {dropped}, not understood: {rejected}",
-        out.display()
-    );
+    let steps = || teams.iter().filter_map(|team| team.full.as_ref()).map(Recorder::steps).sum();
+    let (counted, count) = fleet.as_ref().map_or_else(|| ("steps", steps()), |fleet| ("samples", fleet.samples()));
+    let is_fleet = fleet.is_some();
+    let seen = |team: &RecordedTeam<'_>| team.observer.vehicles().values().filter(|view| view.trace.is_some()).count();
+    let vehicles: usize = teams.iter().map(seen).sum();
+    let rejected: u64 = teams.iter().map(|team| team.observer.dropped()).sum();
+    let files = teams.into_iter().filter_map(|team| team.full).map(Recorder::finish);
+    let dropped: Result<Vec<u64>, _> = fleet.map(FleetRecorder::finish).into_iter().chain(files).collect();
+    let dropped: u64 = dropped.map_err(|error| about_file(out, &[], error))?.iter().sum();
+    let recorded = match is_fleet {
+        true => format!("{vehicles} vehicles at {count} times"),
+        false => format!("{count} steps of {vehicles} vehicles"),
+    };
+    let text = format!("{}: {recorded}; dropped: {dropped}, not understood: {rejected}", out.display());
     let object = json!({
-        "file": out, "swarm": reach.swarm, "vehicles": vehicles, "steps": steps, "dropped": dropped, "not_understood": rejected,
+        "file": out, "swarm": place.swarm(), "vehicles": vehicles, counted: count, "dropped": dropped, "not_understood": rejected,
     });
     Ok(Written { object, text })
 }
 
-/// A team of a live fleet that is recorded.
+/// A swarm or a team that is being recorded.
 struct RecordedTeam<'a> {
-    scenario: &'a Scenario,
     reach: &'a Reach,
+    /// Of a team.
+    scenario: Option<&'a Scenario>,
     observer: Observer,
-    /// The full recording of a chosen team.
+    /// The full recording, unless it is a team that the scenario does not choose.
     full: Option<Recorder>,
     window: Window,
 }
 
-/// Records a live fleet until Ctrl-C, or until the file cannot be written.
-fn record_fleet(place: &Place, teams: &[Reach], out: &Path) -> Result<Written, Error> {
-    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
-    let (name, described) = (place.swarm(), place.described()?);
-    let team = |(reach, loaded)| RecordedTeam::begin(reach, loaded, out);
-    let mut teams = teams.iter().zip(described.all()).map(team).collect::<Result<Vec<_>, _>>()?;
-    let mut recorder = FleetRecorder::begin(out, &described)?;
-    eprintln!("recording fleet {name} into {}; Ctrl-C ends the recording", out.display());
-    while interrupts.count() == 0 && !recorder.has_failed() {
-        let now = clock::now();
-        if !recorder.has_begun() && teams.iter().all(|team| team.window.has_begun) {
-            recorder.window_begins(now);
-        }
-        let is_due = recorder.is_due(now);
-        teams.iter_mut().for_each(|team| team.record(&mut recorder, now, is_due));
-        clock::sleep(TICK);
-    }
-    let samples = recorder.samples();
-    let vehicles: usize = teams.iter().map(|team| team.observer.vehicles().len()).sum();
-    let mut dropped = recorder.finish().map_err(|error| about_file(out, &[], error))?;
-    for full in teams.into_iter().filter_map(|team| team.full) {
-        dropped += full.finish().map_err(|error| about_file(out, &[], error))?;
-    }
-    let text = format!("{}: {vehicles} vehicles at {samples} times; dropped: {dropped}", out.display());
-    let object = json!({ "file": out, "swarm": name, "vehicles": vehicles, "samples": samples, "dropped": dropped });
-    Ok(Written { object, text })
-}
-
 impl<'a> RecordedTeam<'a> {
-    /// Connects to a team, and begins its full recording beside `out` if the fleet's scenario chooses it.
-    fn begin(reach: &'a Reach, loaded: &'a Loaded, out: &Path) -> Result<Self, Error> {
+    /// Waits for the first messages of the swarm, or of the team with this scenario.
+    fn begin(reach: &'a Reach, scenario: Option<&'a Scenario>, out: &Path) -> Result<Self, Error> {
         let mut observer = Observer::open(reach, TraceSubscription::On)?;
         let received = first_messages(&mut observer, reach)?;
-        let chosen = loaded.scenario.team.filter(|team| team.is_recorded);
-        let full = chosen.map(|team| {
-            let folder = out.with_file_name("teams").join(team.id.to_string());
-            let failed = |error: std::io::Error| Error::Failed(format!("{}: {error}", folder.display()));
-            std::fs::create_dir_all(&folder).map_err(failed)?;
-            begin(reach, &folder.join(record::FILE))
-        });
-        let mut full = full.transpose()?;
+        let mut full = match scenario.and_then(|scenario| scenario.team) {
+            None => Some(begin(reach, out)?),
+            Some(team) if team.is_recorded => {
+                let folder = out.with_file_name("teams").join(team.id.to_string());
+                let failed = |error: std::io::Error| Error::Failed(format!("{}: {error}", folder.display()));
+                std::fs::create_dir_all(&folder).map_err(failed)?;
+                Some(begin(reach, &folder.join(record::FILE))?)
+            }
+            Some(_) => None,
+        };
         if let Some(full) = &mut full {
             received.iter().for_each(|(received, at)| put(full, received, *at));
         }
-        Ok(Self { scenario: &loaded.scenario, reach, observer, full, window: Window::default() })
+        Ok(Self { reach, scenario, observer, full, window: Window::default() })
     }
 
-    /// Records what has been received, and the places of the vehicles if they are due.
-    fn record(&mut self, recorder: &mut FleetRecorder, now: Instant, is_due: bool) {
+    /// Records what has arrived, in the recording of the fleet too; if it `is_due`, also the places.
+    fn record(&mut self, mut fleet: Option<&mut FleetRecorder>, now: Instant, is_due: bool) {
         for (received, at) in self.observer.poll_timed() {
-            if let (SwarmMessage::Event(event), Some(team)) = (&received, self.reach.branch.team()) {
-                recorder.event(at, team, event.header.sender, event.what);
+            if let (Some(fleet), SwarmMessage::Event(event), Some(team)) =
+                (&mut fleet, &received, self.reach.branch.team())
+            {
+                fleet.event(at, team, event.header.sender, event.what);
             }
             self.full.iter_mut().for_each(|full| put(full, &received, at));
         }
         if self.window.begins(&self.observer) {
             self.full.iter_mut().for_each(|full| full.window_begins(now));
         }
-        if is_due {
+        if let (Some(fleet), Some(scenario), true) = (fleet, self.scenario, is_due) {
             let is_new = |at: Instant| now.saturating_duration_since(at) < NEW;
             let views =
                 self.observer.vehicles().values().filter(|view| view.alive && view.trace_at.is_some_and(is_new));
-            recorder.places(now, self.scenario, views.filter_map(|view| view.trace.as_ref()));
+            fleet.places(now, scenario, views.filter_map(|view| view.trace.as_ref()));
         }
     }
 }

@@ -40,19 +40,13 @@ impl FleetRecorder {
         Ok(Self { file, origin, period, window: None, samples: 0 })
     }
 
-    /// Whether the window has begun: nothing is recorded before.
-    pub fn has_begun(&self) -> bool {
-        self.window.is_some()
-    }
-
-    /// Begins the window.
-    pub fn window_begins(&mut self, at: Instant) {
-        self.window = Some((at, at));
-        self.file.window_begins(at);
-    }
-
-    /// Whether places are to be recorded now. Answers once for each sample.
-    pub fn is_due(&mut self, now: Instant) -> bool {
+    /// Whether places are to be recorded now. Answers once for each sample. Nothing is recorded before the window, which begins as
+    /// soon as all teams have begun theirs.
+    pub fn is_due(&mut self, now: Instant, have_begun: impl FnOnce() -> bool) -> bool {
+        if self.window.is_none() && have_begun() {
+            self.window = Some((now, now));
+            self.file.window_begins(now);
+        }
         let Some((_, next)) = self.window.as_mut().filter(|(_, next)| now >= *next) else { return false };
         *next = (*next + self.period).max(now - self.period);
         self.samples += 1;
@@ -81,14 +75,14 @@ impl FleetRecorder {
 
     /// Records an event that a vehicle reported.
     pub fn event(&mut self, at: Instant, team: TeamId, vehicle: VehicleId, what: EventKind) {
-        if self.has_begun() {
+        if self.window.is_some() {
             self.file.event(at, VehicleName { team: Some(team), vehicle }, what);
         }
     }
 
     /// Records a fault that was injected into a team.
     pub fn fault(&mut self, at: Instant, team: TeamId, fault: &InjectedFault) {
-        if self.has_begun() {
+        if self.window.is_some() {
             self.file.fault(at, Some(team), fault);
         }
     }
@@ -139,11 +133,10 @@ mod tests {
         let begin = clock::now();
         let id = TeamId::new(2).unwrap();
         recorder.event(begin, id, VehicleId::new(1).unwrap(), EventKind::Landed);
-        assert!(!recorder.is_due(begin) && !recorder.has_begun());
-        recorder.window_begins(begin);
+        assert!(!recorder.is_due(begin, || false));
         for nth in 0..100 {
             let now = begin + Duration::from_millis(20) * nth;
-            if recorder.is_due(now) {
+            if recorder.is_due(now, || true) {
                 recorder.places(now, team, traces.iter());
             }
         }
