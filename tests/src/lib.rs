@@ -91,9 +91,8 @@ pub fn of_scenario(scenario: Scenario) -> Study {
 /// If the text does not describe a fleet.
 pub fn fleet(text: &str, seed: u64) -> FleetStudy {
     let described = load_any(&Source { name: "fleet.toml", text }, &[format!("seed={seed}")]).expect("a valid fleet");
-    let origin = described.first().scenario.team.expect("a fleet").origin;
     let teams = described.all().iter().map(|team| of_scenario(team.scenario.clone())).collect();
-    FleetStudy { teams, seed, origin }
+    FleetStudy { teams }
 }
 
 /// Every pair of airborne vehicles, the smaller id first, with its distance, m.

@@ -79,8 +79,6 @@ impl FlownFleet {
         let first = &described.first().scenario;
         // All teams have the same aircraft and rules.
         let ready = ScenarioArgs::default().ready(first)?;
-        let (seed, vehicles) = (first.seed, first.swarm.vehicles);
-        let origin = first.team.map(|team| team.origin).ok_or_else(|| failed("no fleet".to_owned()))?;
         let team = |scenario| Study {
             scenario,
             aircraft: ready.aircraft.clone(),
@@ -88,9 +86,12 @@ impl FlownFleet {
             laws: LawPool::default(),
         };
         let teams: Vec<Study> = described.all().iter().map(|loaded| team(loaded.scenario.clone())).collect();
-        let flight =
-            format!("{} teams of {vehicles} at 16 vehicles per km², {flight_s} s in virtual time", teams.len());
-        let report = FleetStudy { teams, seed, origin }.fly(NonZeroUsize::MIN, None);
+        let flight = format!(
+            "{} teams of {} at 16 vehicles per km², {flight_s} s in virtual time",
+            teams.len(),
+            first.swarm.vehicles
+        );
+        let report = FleetStudy { teams }.fly(NonZeroUsize::MIN, None);
         let (report, _) = report.map_err(|error| failed(error.to_string()))?;
         Self::of(flight, &report.traffic).ok_or_else(|| failed("no vehicle flew".to_owned()))
     }

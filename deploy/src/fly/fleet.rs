@@ -238,16 +238,12 @@ fn begin_stream(described: &Described, out: &Path) -> Result<Stream, Error> {
     let stream = Stream::begin(now)?;
     let scenarios = || described.all().iter().map(|team| &team.scenario);
     let first = &described.first().scenario;
-    let run = match first.team {
-        Some(team) => Run::of_fleet(scenarios(), team.seed, "fly"),
-        None => Run::new(first, "fly"),
-    };
     let line = Line::Began {
         swarm: first.swarm.name.to_string(),
         ids: scenarios().flat_map(fleet::names).collect(),
         duration_s: first.duration_s,
         out: out.display().to_string(),
-        run,
+        run: Run::of_all(scenarios(), "fly"),
     };
     stream.write(None, &Happened { at: now, window_s: None, line });
     Ok(stream)
@@ -301,8 +297,7 @@ impl Separations {
 fn report(over: &[FlightResult], across: &Across) -> FleetReport {
     let flown = |result: &'_ FlightResult| Some((result.plan.scenario().team?.id, result.report.clone()?));
     let reports: Vec<(TeamId, Report)> = over.iter().filter_map(flown).collect();
-    let seed = over.first().and_then(|result| result.plan.scenario().team).map_or(0, |team| team.seed);
-    let run = Run::of_fleet(over.iter().map(|result| result.plan.scenario()), seed, "fly");
+    let run = Run::of_all(over.iter().map(|result| result.plan.scenario()), "fly");
     let of_all = |figure: fn(&Report) -> f64| reports.iter().map(move |(_, report)| figure(report));
     let wall = Wall {
         wall_s: of_all(|report| report.wall_s).fold(0.0, f64::max),

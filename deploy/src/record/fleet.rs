@@ -33,7 +33,7 @@ impl FleetRecorder {
     pub fn begin(path: &Path, described: &Described) -> Result<Self, Error> {
         let scenario = &described.first().scenario;
         let team = scenario.team.ok_or_else(|| Error::Refused("one swarm is not a fleet".to_owned()))?;
-        let run = Run::of_fleet(described.all().iter().map(|team| &team.scenario), team.seed, "fly");
+        let run = Run::of_all(described.all().iter().map(|team| &team.scenario), "fly");
         let about = RecordingInfo { scenario, scenario_toml: &described.to_toml(), run: &run, clock: "" };
         let file = Recorder::of_fleet(path, &about).map_err(|error| Error::Failed(format!("no recording: {error}")))?;
         let (origin, period) = (Origin::new(team.origin.geodetic()), Duration::from_secs_f64(1.0 / team.record_hz));

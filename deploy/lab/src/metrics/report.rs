@@ -54,11 +54,16 @@ impl Run {
         }
     }
 
-    /// The identity of a flight of these teams with the fleet's seed. What the teams differ in is that of the first.
-    pub fn of_fleet<'a>(mut teams: impl Iterator<Item = &'a Scenario>, seed: u64, target: &str) -> Self {
+    /// The identity of a flight of a swarm, or of the teams of a fleet, with the fleet's seed. What the teams differ in is that of
+    /// the first.
+    pub fn of_all<'a>(mut teams: impl Iterator<Item = &'a Scenario>, target: &str) -> Self {
         let Some(first) = teams.next() else { return Self::default() };
         let run = Self::new(first, target);
-        Self { seed, vehicles: run.vehicles + teams.map(|team| team.swarm.vehicles).sum::<usize>(), ..run }
+        Self {
+            seed: first.team.map_or(run.seed, |team| team.seed),
+            vehicles: run.vehicles + teams.map(|team| team.swarm.vehicles).sum::<usize>(),
+            ..run
+        }
     }
 }
 

@@ -10,7 +10,6 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 
 use skein_common::frame::Origin;
-use skein_common::scenario::OriginSettings;
 use skein_core::helicopter::TICK_S;
 use skein_host::clock::now;
 use skein_host::parallel::at_once;
@@ -31,12 +30,8 @@ const ROUND_TICKS: u64 = 10;
 #[derive(Debug)]
 pub struct FleetStudy {
     /// The study of each team, in order. Their scenarios have [`Scenario::team`](skein_common::scenario::Scenario::team),
-    /// and seeds that follow from the fleet's.
+    /// with the fleet's seed and origin, and seeds that follow from it.
     pub teams: Vec<Study>,
-    /// The fleet's seed.
-    pub seed: u64,
-    /// The fleet's origin.
-    pub origin: OriginSettings,
 }
 
 /// Where a flight of a fleet is recorded.
@@ -91,16 +86,16 @@ impl FleetFlight {
             let toml = recording.and_then(|recording| Some((recording.folder, recording.teams_toml.get(nth)?)));
             teams.push(Team::new(team, toml)?);
         }
-        let first = study.teams.first().map(|team| &team.scenario);
-        let origin = Origin::new(study.origin.geodetic());
+        let first = &study.teams.first().ok_or(StudyError::NeverActive)?.scenario;
+        let origin = Origin::new(first.team.map_or(first.origin, |fleet| fleet.origin).geodetic());
         let longest_s = study.teams.iter().map(|team| longest_s(&team.scenario)).fold(0.0, f64::max);
-        let run = Run::of_fleet(study.teams.iter().map(|team| &team.scenario), study.seed, "study");
-        let recorder = recording.zip(first).map(|(recording, scenario)| {
-            let about = RecordingInfo { scenario, scenario_toml: recording.scenario_toml, run: &run, clock: "" };
+        let run = Run::of_all(study.teams.iter().map(|team| &team.scenario), "study");
+        let recorder = recording.map(|recording| {
+            let about = RecordingInfo { scenario: first, scenario_toml: recording.scenario_toml, run: &run, clock: "" };
             RunRecorder::begin(&recording.folder.join(record::FLEET_FILE), &about, true)
         });
         let recorder = recorder.transpose()?;
-        let record_hz = first.and_then(|scenario| scenario.team).map_or(1.0, |team| team.record_hz);
+        let record_hz = first.team.map_or(1.0, |fleet| fleet.record_hz);
         Ok(Self {
             run,
             origin,
@@ -122,7 +117,7 @@ impl FleetFlight {
             self.round(threads);
         }
         let wall_s = now().duration_since(started).as_secs_f64();
-        let flown_s = self.teams.first().map_or(0.0, Team::t_s);
+        let flown_s = self.teams.first().map_or(0.0, |team| team.world().t_s());
         let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
         let window_s = self.ticks as f64 * TICK_S;
         let recorded = self.recorded.and_then(|()| self.recorder.map_or(Ok(()), |recorder| recorder.finish(window_s)));
@@ -137,8 +132,8 @@ impl FleetFlight {
     /// Whether no round follows.
     fn is_over(&mut self) -> Result<bool, StudyError> {
         if self.zero_s.is_none() {
-            let t_s = self.teams.first().map_or(0.0, Team::t_s);
-            if self.teams.iter().all(Team::all_active) {
+            let t_s = self.teams.first().map_or(0.0, |team| team.world().t_s());
+            if self.teams.iter().all(|team| team.world().all_active()) {
                 self.zero_s = Some(t_s);
             } else if t_s > JOIN_LIMIT_S {
                 return Err(StudyError::NeverActive);

@@ -113,7 +113,7 @@ impl SeedFlight {
         self.report()
     }
 
-    /// The swarm.
+    /// The swarm, to be stepped.
     pub(super) fn world(&mut self) -> &mut World {
         &mut self.world
     }
@@ -121,6 +121,11 @@ impl SeedFlight {
     /// The swarm and what is measured of it so far.
     pub(super) fn world_and_metrics(&self) -> (&World, &Metrics) {
         (&self.world, &self.metrics)
+    }
+
+    /// The same flight within one of a fleet, whose window begins for all teams at once: here, s, if it has begun.
+    pub(super) fn begin_window(&mut self, zero_s: Option<f64>) {
+        self.zero_s = zero_s;
     }
 
     /// Whether all vehicles have joined: the window of the figures has begun.
@@ -171,15 +176,20 @@ impl SeedFlight {
         if let Some(error) = self.failed {
             return Err(error);
         }
-        self.metrics.set_totals(self.world.totals());
-        self.laws.into_iter().for_each(|laws| self.pool.put_back(laws));
+        self.laws.take().into_iter().for_each(|laws| self.pool.put_back(laws));
         let real_time_factor = self.world.t_s() / self.wall_s.max(1e-9);
-        Ok(self.metrics.report(Wall { wall_s: self.wall_s, real_time_factor }))
+        Ok(self.figures(Wall { wall_s: self.wall_s, real_time_factor }))
+    }
+
+    /// What was measured so far.
+    pub(super) fn figures(&mut self, wall: Wall) -> Report {
+        self.metrics.set_totals(self.world.totals());
+        self.metrics.report(wall)
     }
 }
 
 /// Shows the world's last tick to the observer; the vehicles' steps only if they are `due`.
-pub(super) fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
+fn show(world: &mut World, zero_s: f64, watch: &mut dyn Watch, due: bool) {
     let t_s = world.t_s() - zero_s;
     world.faults().iter().for_each(|fault| watch.fault(t_s, fault));
     world.events().for_each(|(sender, what)| watch.event(t_s, sender, &what));

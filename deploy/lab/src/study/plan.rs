@@ -24,7 +24,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 use serde_json::{Value, json};
-use skein_common::scenario::{ControlMode, Described, Loaded, RecordRuns, SafetyFilter, Scenario};
+use skein_common::scenario::{ControlMode, Described, RecordRuns, SafetyFilter, Scenario};
 use skein_core::aircraft::Aircraft;
 use skein_core::start::starts;
 use skein_host::external::is_external;
@@ -347,18 +347,12 @@ fn hash_file(path: &Path, hasher: &mut impl Hasher) -> Result<(), Error> {
     Ok(())
 }
 
-/// The files that describe a run: the text of its complete scenario and of each aircraft, by name.
-#[derive(Debug)]
+/// The files that describe a run: the text of its complete scenario, of each aircraft, by name, and of each team that is recorded.
+#[derive(Debug, Default)]
 pub(super) struct RunFiles {
     scenario: String,
     aircraft: BTreeMap<String, String>,
-}
-
-/// The files that describe a run of a fleet: as of any run, and the complete scenario of each team that is recorded.
-#[derive(Debug)]
-struct FleetFiles {
-    run: RunFiles,
-    teams_toml: Vec<String>,
+    teams: Vec<String>,
 }
 
 /// One run of a study.
@@ -411,7 +405,7 @@ impl PlannedRun<'_> {
     /// # Errors
     /// If a file has changed since the plan was made.
     pub fn study(&self) -> Result<(Study, String), Error> {
-        self.ready().map(|(study, text, _)| (study, text))
+        self.only().map(|(study, files)| (study, files.scenario))
     }
 
     /// Flies the run of a fleet and writes its files. It is recorded while it flies, because a fleet's recording is small.
@@ -421,50 +415,18 @@ impl PlannedRun<'_> {
     /// The reason, with the name of the run.
     pub(super) fn fly_fleet(&self, is_recorded: bool) -> Result<(Measured, Result<(), Error>), Error> {
         self.remove_unfinished();
-        let (study, files) = self.fleet()?;
-        let folder = self.folder();
-        let (scenario_toml, teams_toml) = (files.run.scenario.as_str(), files.teams_toml.as_slice());
-        let recording = FleetRecording { folder: &folder, scenario_toml, teams_toml };
+        let (teams, files) = self.ready()?;
+        let (study, folder) = (FleetStudy { teams }, self.folder());
+        let recording = FleetRecording { folder: &folder, scenario_toml: &files.scenario, teams_toml: &files.teams };
         let is_recorded = is_recorded && study.teams.iter().any(|team| team.scenario.record.runs != RecordRuns::None);
         let flown = study.fly(self.plan.threads, is_recorded.then_some(&recording));
         let (report, recorded) = flown.map_err(|error| Error::Failed(format!("{self}: {error}")))?;
         drop(study);
         write(&folder.join("teams.csv"), report.teams_csv())?;
         write(&folder.join(TRAFFIC_FILE), traffic_csv(&report.traffic))?;
-        self.write(&files.run, &report)?;
+        self.write(&files, &report)?;
         let recorded = recorded.map_err(|error| Error::Failed(format!("{self}: recording: {error}")));
         Ok((report.measured(), recorded))
-    }
-
-    /// The studies of a fleet's teams, the complete file with those of the teams that are recorded, and the texts of the
-    /// aircraft.
-    fn fleet(&self) -> Result<(FleetStudy, FleetFiles), Error> {
-        let described = self.read()?;
-        let text = described.to_toml();
-        let origin = described.first().scenario.team.map(|team| team.origin);
-        let Described::Fleet(loaded) = described else { return Err(self.changed()) };
-        let own_file = |team: &Loaded| match team.scenario.team {
-            Some(place) if place.is_recorded => team.to_toml(),
-            _ => String::new(),
-        };
-        let teams_toml = loaded.iter().map(own_file).collect();
-        let mut teams: Vec<Study> = Vec::with_capacity(loaded.len());
-        let mut aircraft_files = BTreeMap::new();
-        for Loaded { scenario, .. } in loaded {
-            let before = teams.last().filter(|before| differ_only_in_place(&before.scenario, &scenario));
-            let (aircraft, rules) = match before {
-                Some(before) => (before.aircraft.clone(), before.rules.clone()),
-                None => {
-                    let ready = self.plan.scenario.ready(&scenario)?;
-                    aircraft_files.extend(ready.aircraft_files);
-                    (ready.aircraft, ready.rules)
-                }
-            };
-            teams.push(Study { scenario, aircraft, rules, laws: LawPool::default() });
-        }
-        let origin = origin.ok_or_else(|| self.changed())?;
-        let run = RunFiles { scenario: text, aircraft: aircraft_files };
-        Ok((FleetStudy { teams, seed: self.seed, origin }, FleetFiles { run, teams_toml }))
     }
 
     /// Removes files that an earlier attempt was writing when it was killed.
@@ -505,10 +467,10 @@ impl PlannedRun<'_> {
     /// Its flight, on the ground, and the files that describe it. What an interrupted attempt was writing is removed.
     pub(super) fn begin(&self) -> Result<(RunFiles, SeedFlight), Error> {
         self.remove_unfinished();
-        let (study, scenario, aircraft) = self.ready()?;
+        let (study, files) = self.only()?;
         let flight = SeedFlight::new(&study, self.seed).map_err(|error| self.failed(&error))?;
         let flight = flight.in_threads(self.plan.threads).until(self.plan.host.stop.clone());
-        Ok((RunFiles { scenario, aircraft }, flight))
+        Ok((files, flight))
     }
 
     /// Writes its files, its flight being over.
@@ -533,13 +495,34 @@ impl PlannedRun<'_> {
         Error::Failed(format!("{self}: {error}"))
     }
 
-    /// Also with the files of its aircraft.
-    fn ready(&self) -> Result<(Study, String, BTreeMap<String, String>), Error> {
-        let Described::Swarm(loaded) = self.read()? else { return Err(self.changed()) };
-        let Ready { aircraft, rules, aircraft_files, .. } = self.plan.scenario.ready(&loaded.scenario)?;
-        let text = loaded.to_toml();
-        let laws = self.plan.host.laws.clone();
-        Ok((Study { scenario: loaded.scenario, aircraft, rules, laws }, text, aircraft_files))
+    /// The study of a swarm, and the files that describe the run.
+    fn only(&self) -> Result<(Study, RunFiles), Error> {
+        let (mut teams, files) = self.ready()?;
+        let only = teams.pop().filter(|_| teams.is_empty());
+        Ok((only.ok_or_else(|| self.changed())?, files))
+    }
+
+    /// The studies of the swarm or of the fleet's teams, and the files that describe the run.
+    fn ready(&self) -> Result<(Vec<Study>, RunFiles), Error> {
+        let described = self.read()?;
+        let mut studies: Vec<Study> = Vec::with_capacity(described.all().len());
+        let mut files = RunFiles { scenario: described.to_toml(), ..RunFiles::default() };
+        for loaded in described.all() {
+            let scenario = loaded.scenario.clone();
+            let is_recorded = scenario.team.is_some_and(|team| team.is_recorded);
+            files.teams.push(if is_recorded { loaded.to_toml() } else { String::new() });
+            let before = studies.last().filter(|before| differ_only_in_place(&before.scenario, &scenario));
+            let (aircraft, rules) = match before {
+                Some(before) => (before.aircraft.clone(), before.rules.clone()),
+                None => {
+                    let ready = self.plan.scenario.ready(&scenario)?;
+                    files.aircraft.extend(ready.aircraft_files);
+                    (ready.aircraft, ready.rules)
+                }
+            };
+            studies.push(Study { scenario, aircraft, rules, laws: self.plan.host.laws.clone() });
+        }
+        Ok((studies, files))
     }
 
     fn read(&self) -> Result<Described, Error> {

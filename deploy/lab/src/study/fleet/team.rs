@@ -7,37 +7,32 @@ use std::path::Path;
 
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{FleetVehicle, TeamId, VehicleId, VehicleName};
-use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
+use skein_common::scenario::{EventAction, Fault, ScriptedEvent};
 use skein_common::topic::Cell;
 use skein_core::agent::Agent;
-use skein_core::helicopter::TICK_S;
 use skein_core::impairments::lasting;
 use skein_core::neighbourhood::{Homes, Neighbourhood};
 use skein_core::plant::GroundTruth;
 
-use super::super::flight::show;
+use super::super::Study;
+use super::super::flight::SeedFlight;
 use super::super::recorded::{RecordRunError, RunRecorder};
-use super::super::{Study, StudyError, measure};
 use super::sky::{Sent, Sky};
 use crate::metrics::across::Airborne;
-use crate::metrics::{AIRBORNE_ABOVE_M, Metrics, Report, Run, VehicleNow, VehicleTraffic, Wall};
+use crate::metrics::{AIRBORNE_ABOVE_M, Report, Run, VehicleTraffic, Wall};
 use crate::record::{self, RecordError, RecordingInfo, TeamPlaces, VehiclePlace, Writer, log_time_ns};
-use crate::recording::NotedKind;
-use crate::world::{Blocks, World};
+use crate::recording::{NotedKind, Watch};
+use crate::world::World;
 
 /// A team in the air.
 pub(super) struct Team {
     id: TeamId,
     /// Origin of its frame.
     origin: Origin,
-    world: World,
-    metrics: Metrics,
+    flight: SeedFlight,
     /// The times in which the team receives nothing from other teams, s after its take-off. The flag states whether the
     /// other teams receive nothing from it either.
     isolated: Vec<(Range<f64>, bool)>,
-    /// Room to work in.
-    vehicles: Vec<VehicleNow>,
-    blocks: Blocks,
     sent: Sent,
     neighbourhoods: Vec<Neighbourhood>,
     /// The cells of each vehicle at the end of the last round.
@@ -52,24 +47,8 @@ pub(super) struct Team {
     is_over: bool,
     /// Events and faults of this round; `None` if the fleet is not recorded.
     noted: Option<Vec<(f64, NotedKind)>>,
-    recorder: Option<TeamRecorder>,
-}
-
-/// The full recording of a team.
-struct TeamRecorder {
-    file: RunRecorder,
-    /// Number of frames between two recorded steps.
-    every: u64,
-    ticks: u64,
-}
-
-impl TeamRecorder {
-    fn new(scenario: &Scenario, folder: &Path, id: TeamId, scenario_toml: &str) -> Result<Self, RecordError> {
-        let path = folder.join("teams").join(id.to_string()).join(record::FILE);
-        let about = RecordingInfo { scenario, scenario_toml, run: &Run::new(scenario, "study"), clock: "" };
-        let every = (1.0 / (TICK_S * scenario.record.hz.in_study_hz())).round().max(1.0) as u64;
-        Ok(Self { file: RunRecorder::begin(&path, &about, false)?, every, ticks: 0 })
-    }
+    /// The full recording of the team, and its steps a second, Hz.
+    recorder: Option<(RunRecorder, f64)>,
 }
 
 /// What the vehicles of a team received in the window.
@@ -124,8 +103,13 @@ impl Team {
         let (id, origin) =
             (scenario.team.map_or(TeamId::FIRST, |team| team.id), Origin::new(scenario.origin.geodetic()));
         let chosen = recording.filter(|_| scenario.team.is_some_and(|team| team.is_recorded));
-        let recorder = chosen.map(|(folder, toml)| TeamRecorder::new(scenario, folder, id, toml)).transpose()?;
-        let world = World::new(scenario, &study.aircraft, &study.rules).map_err(StudyError::from)?;
+        let recorder = chosen.map(|(folder, scenario_toml)| {
+            let path = folder.join("teams").join(id.to_string()).join(record::FILE);
+            let about = RecordingInfo { scenario, scenario_toml, run: &Run::new(scenario, "study"), clock: "" };
+            RunRecorder::begin(&path, &about, false).map(|file| (file, scenario.record.hz.in_study_hz()))
+        });
+        let recorder = recorder.transpose()?;
+        let flight = SeedFlight::new(study, scenario.seed)?;
         let isolation = |event: &ScriptedEvent| match event.what {
             EventAction::Fault(Fault::Isolate { both_ways }) => Some((lasting(event), both_ways)),
             _ => None,
@@ -133,11 +117,8 @@ impl Team {
         Ok(Self {
             id,
             origin,
-            world,
-            metrics: Metrics::new(scenario, Run::new(scenario, "study")),
+            flight,
             isolated: scenario.mission.events.iter().filter_map(isolation).collect(),
-            vehicles: Vec::with_capacity(scenario.swarm.vehicles),
-            blocks: Blocks::default(),
             sent: Sent::default(),
             neighbourhoods: Vec::new(),
             homes: Vec::new(),
@@ -170,53 +151,53 @@ impl Team {
                 (*rounds, *all, *all_bytes) = (*rounds + 1, *all + states, *all_bytes + bytes);
             }
             if !from_others.intents[group].is_empty() {
-                self.world.receive_intents(nth, from_others.intents[group].clone());
+                self.flight.world().receive_intents(nth, from_others.intents[group].clone());
             }
         }
-        self.world.receive_strangers(from_others.groups, &from_others.group_of);
+        self.flight.world().receive_strangers(from_others.groups, &from_others.group_of);
     }
 
     /// Flies one frame and measures it. `fleet` is the origin of the cells, `zero_s` the beginning of the window.
     pub(super) fn tick(&mut self, fleet: &Origin, zero_s: Option<f64>) {
-        World::tick_together(std::iter::once(&mut self.world), &mut self.blocks);
-        if !self.is_isolated(true) {
-            let at = self.world.now();
-            for state in self.world.states_in_flight() {
+        self.flight.world().tick();
+        let is_isolated = self.is_isolated(true);
+        let world = self.flight.world_and_metrics().0;
+        if !is_isolated {
+            let at = world.now();
+            for state in world.states_in_flight() {
                 let id = FleetVehicle { team: self.id, vehicle: state.header.sender };
                 self.sent.add([fleet, &self.origin], id, state, at);
             }
-            for intent in self.world.intents() {
+            for intent in world.intents() {
                 self.sent.add_intent(fleet, self.id, intent, at);
             }
         }
         self.zero_s = zero_s;
         let Some(zero_s) = zero_s else { return };
-        let t_s = self.world.t_s() - zero_s;
+        let t_s = world.t_s() - zero_s;
         let is_high = |truth: &GroundTruth| truth.height_m > AIRBORNE_ABOVE_M;
-        let in_the_air = self.world.all_vehicles().filter(|(_, _, truth, _)| is_high(truth));
+        let in_the_air = world.all_vehicles().filter(|(_, _, truth, _)| is_high(truth));
         self.airborne.add(t_s, in_the_air.map(|(id, _, truth, _)| (id, truth.position)));
         if let Some(noted) = &mut self.noted {
-            let events = self.world.events().map(|(sender, what)| NotedKind::Event(sender, what));
-            let faults = self.world.faults().iter().cloned().map(NotedKind::Fault);
+            let events = world.events().map(|(sender, what)| NotedKind::Event(sender, what));
+            let faults = world.faults().iter().cloned().map(NotedKind::Fault);
             noted.extend(faults.chain(events).map(|what| (t_s, what)));
         }
         if self.is_over {
             return;
         }
-        if let Some(recorder) = &mut self.recorder {
-            let is_due = recorder.ticks.is_multiple_of(recorder.every);
-            show(&mut self.world, zero_s, &mut recorder.file.writer, is_due);
-            recorder.ticks += 1;
-        }
-        measure(&self.world, zero_s, &mut self.metrics, &mut self.vehicles);
+        self.flight.begin_window(Some(zero_s));
+        let mut watched = self.recorder.as_mut().map(|(file, hz)| (&mut file.writer as &mut dyn Watch, *hz));
+        self.flight.end_tick(&mut watched);
         // As in a flight of one swarm, the team's figures end with the frame in which its mission does.
-        self.is_over = self.world.has_finished();
+        self.is_over = self.flight.has_finished();
     }
 
     /// Looks up the cells of the vehicles, by their agents' own estimates; without an estimate a vehicle is where it is.
     /// `fleet` is the origin of the cells.
     pub(super) fn end_round(&mut self, fleet: &Origin) {
-        let Self { origin, world, neighbourhoods, homes, .. } = self;
+        let Self { origin, flight, neighbourhoods, homes, .. } = self;
+        let world = flight.world_and_metrics().0;
         let on_map = |place| fleet.ned_from_geodetic(&origin.geodetic_from_ned(place));
         neighbourhoods.resize_with(world.vehicle_count(), Neighbourhood::default);
         homes.clear();
@@ -245,22 +226,20 @@ impl Team {
             let in_fleet = fleet.ned_from_geodetic(&self.origin.geodetic_from_ned(truth.position));
             VehiclePlace::new(id, agent.at_step(), in_fleet, truth.position.altitude_m(), agent.in_place_s().is_some())
         };
-        let vehicles = self.world.vehicles().filter(|(_, _, truth, _)| truth.position.is_finite()).map(place).collect();
-        let t_s = self.world.t_s() - zero_s;
+        let world = self.world();
+        let vehicles = world.vehicles().filter(|(_, _, truth, _)| truth.position.is_finite()).map(place).collect();
+        let t_s = world.t_s() - zero_s;
         writer.places(log_time_ns(0, t_s), &TeamPlaces { team: self.id, t_s, vehicles });
     }
 
-    pub(super) fn t_s(&self) -> f64 {
-        self.world.t_s()
-    }
-
-    pub(super) fn all_active(&self) -> bool {
-        self.world.all_active()
+    /// The team's world.
+    pub(super) fn world(&self) -> &World {
+        self.flight.world_and_metrics().0
     }
 
     /// Whether the mission has ended except for the landing, or no agent runs.
     pub(super) fn has_finished(&self) -> bool {
-        self.world.has_finished() || self.world.vehicles().next().is_none()
+        self.world().has_finished() || self.world().vehicles().next().is_none()
     }
 
     /// The states sent in this round.
@@ -279,24 +258,23 @@ impl Team {
 
     /// What was measured, and whether the recording of the team is complete.
     pub(super) fn report(mut self, wall: Wall) -> (TeamReport, Result<(), RecordError>) {
-        let totals = self.world.totals();
-        self.metrics.set_totals(totals);
-        let report = self.metrics.report(wall);
-        let recorded = self.recorder.take().map_or(Ok(()), |recorder| recorder.file.finish(report.duration_s));
-        let (heartbeats, heartbeat_bytes) = self.world.heartbeats_sent();
+        let report = self.flight.figures(wall);
+        let recorded = self.recorder.take().map_or(Ok(()), |(file, _)| file.finish(report.duration_s));
+        let (world, totals) = (self.world(), self.world().totals());
+        let (heartbeats, heartbeat_bytes) = world.heartbeats_sent();
         // Each message of a vehicle reaches all others of the team.
         let per_s = |count: u64| {
-            let vehicles = self.world.vehicle_count() as f64;
-            count as f64 * (vehicles - 1.0) / vehicles / self.world.t_s().max(1e-9)
+            let vehicles = world.vehicle_count() as f64;
+            count as f64 * (vehicles - 1.0) / vehicles / world.t_s().max(1e-9)
         };
         let own_per_s = (per_s(totals.state_messages + heartbeats), per_s(totals.state_bytes + heartbeat_bytes));
-        let (received, from_others, t_s) = (self.received, self.from_others, self.world.t_s());
-        (TeamReport { id: self.id, report, received, own_per_s, from_others, t_s }, recorded)
+        let (received, t_s) = (self.received, world.t_s());
+        (TeamReport { id: self.id, report, received, own_per_s, from_others: self.from_others, t_s }, recorded)
     }
 
     /// Whether an event isolates the team now; with `both_ways` only an event that withholds its states from the others.
     fn is_isolated(&self, both_ways: bool) -> bool {
         let is_now = |t_s: f64| self.isolated.iter().any(|(lasts, both)| lasts.contains(&t_s) && (*both || !both_ways));
-        !self.isolated.is_empty() && self.world.since_take_off_s().is_some_and(is_now)
+        !self.isolated.is_empty() && self.world().since_take_off_s().is_some_and(is_now)
     }
 }
