@@ -57,7 +57,7 @@ impl Recorder {
     /// # Errors
     /// If the file exists already or cannot be written.
     pub fn begin(path: &Path, about: &RecordingInfo<'_>, hz: f64) -> Result<Self, RecordError> {
-        Self::with(path, about, hz, Writer::new)
+        Self::with(path, about, hz, false)
     }
 
     /// Creates the file of a fleet at `path`, which has places, events and faults.
@@ -65,21 +65,17 @@ impl Recorder {
     /// # Errors
     /// As [`Self::begin`].
     pub(super) fn of_fleet(path: &Path, about: &RecordingInfo<'_>) -> Result<Self, RecordError> {
-        Self::with(path, about, f64::INFINITY, Writer::of_fleet)
+        Self::with(path, about, f64::INFINITY, true)
     }
 
-    fn with(
-        path: &Path,
-        about: &RecordingInfo<'_>,
-        hz: f64,
-        writer: fn(BufWriter<File>, &RecordingInfo<'_>, u64) -> Result<Writer<BufWriter<File>>, RecordError>,
-    ) -> Result<Self, RecordError> {
+    fn with(path: &Path, about: &RecordingInfo<'_>, hz: f64, is_fleet: bool) -> Result<Self, RecordError> {
         let io = |error: io::Error| RecordError::Io { path: path.to_owned(), error };
         let file = File::options().write(true).create_new(true).open(path).map_err(io)?;
         let synced = file.try_clone().map_err(io)?;
         let utc = Utc::read();
         let about = RecordingInfo { clock: CLOCK, ..*about };
-        let writer = writer(BufWriter::new(file), &about, utc.nanoseconds(clock::now()))?;
+        let (to, now_ns) = (BufWriter::new(file), utc.nanoseconds(clock::now()));
+        let writer = if is_fleet { Writer::of_fleet(to, &about, now_ns)? } else { Writer::new(to, &about, now_ns)? };
         let (queue, entries) = sync_channel(QUEUE);
         let thread = thread::Builder::new().name("record".to_owned());
         let path = path.to_owned();

@@ -136,7 +136,7 @@ pub(super) mod tests {
     fn what_is_recorded_is_read_back() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FLEET_FILE);
-        let mut writer = fleet_writer(&path, "[fleet]\nteams = 2\n");
+        let mut writer = fleet_writer(&path, "[fleet]\nteams = 2\n[swarm]\nvehicles = 2\n");
         let place = |number: u8, north_m: f64| VehiclePlace {
             id: VehicleId::new(number).unwrap(),
             step: 1,

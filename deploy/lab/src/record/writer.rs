@@ -55,7 +55,7 @@ impl<W: Write + Seek> Writer<W> {
     /// # Errors
     /// The recording cannot be written.
     pub fn new(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
-        Self::with(to, about, zero_ns, Channels::new)
+        Ok(Self::begin(Channels::new(McapSink::new(to, about, zero_ns)?, about.scenario)?, zero_ns))
     }
 
     /// Begins the recording of a fleet, as [`Self::new`] does that of a swarm: places of vehicles, events and faults of all teams.
@@ -63,29 +63,14 @@ impl<W: Write + Seek> Writer<W> {
     /// # Errors
     /// The recording cannot be written.
     pub fn of_fleet(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
-        Self::with(to, about, zero_ns, Channels::of_fleet)
+        Ok(Self::begin(Channels::of_fleet(McapSink::new(to, about, zero_ns)?, about.scenario)?, zero_ns))
     }
 
-    fn with(
-        to: W,
-        about: &RecordingInfo<'_>,
-        zero_ns: u64,
-        channels: fn(McapSink<W>, &Scenario) -> Result<Channels<McapSink<W>>, RecordError>,
-    ) -> Result<Self, RecordError> {
-        let mut mcap = options().create(to)?;
-        mcap.write_metadata(&format::record(format::RUN, run_record(about)))?;
-        mcap.attach(&Attachment {
-            log_time: zero_ns,
-            create_time: zero_ns,
-            name: format::SCENARIO.to_owned(),
-            media_type: "application/toml".to_owned(),
-            data: about.scenario_toml.as_bytes().into(),
-        })?;
-        let sink = McapSink { mcap, sequences: BTreeMap::new(), failed: None };
-        let mut writer = Self { channels: channels(sink, about.scenario)?, zero_ns };
-        writer.channels.draw(zero_ns);
+    fn begin(mut channels: Channels<McapSink<W>>, zero_ns: u64) -> Self {
+        channels.draw(zero_ns);
+        let mut writer = Self { channels, zero_ns };
         writer.flush();
-        Ok(writer)
+        writer
     }
 
     /// Records a step of a vehicle. A step with impossible values is only counted.
@@ -166,6 +151,20 @@ impl<W: Write + Seek> Writer<W> {
 }
 
 impl<W: Write + Seek> McapSink<W> {
+    /// Begins a file with the description of the flight.
+    fn new(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
+        let mut mcap = options().create(to)?;
+        mcap.write_metadata(&format::record(format::RUN, run_record(about)))?;
+        mcap.attach(&Attachment {
+            log_time: zero_ns,
+            create_time: zero_ns,
+            name: format::SCENARIO.to_owned(),
+            media_type: "application/toml".to_owned(),
+            data: about.scenario_toml.as_bytes().into(),
+        })?;
+        Ok(Self { mcap, sequences: BTreeMap::new(), failed: None })
+    }
+
     fn attempt(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> mcap::McapResult<()>) {
         if self.failed.is_none() {
             self.failed = write(&mut self.mcap).err().map(RecordError::Write);
