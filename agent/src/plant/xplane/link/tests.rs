@@ -473,7 +473,7 @@ mod live {
         let mut link = link_to(address, LOCAL);
         let before = next_frame(&mut link).time;
         drop(live);
-        while let Some(_) = link.wait(SOON).frame {}
+        while link.wait(SOON).frame.is_some() {}
         assert_eq!(link.wait(SOON).frame, None);
         let _again = Live::start(address.port());
         let after = next_frame(&mut link).time;
