@@ -252,7 +252,7 @@ mod tests {
             until_unused,
             beacon,
             ..
-        } = Cli::try_parse_from(arguments.into_iter().skip(1)).unwrap().options;
+        } = Cli::try_parse_from(arguments).unwrap().options;
         assert_eq!((port, alt_m, seed, wind_m_s), (50_000, 12.0, 7, 3.0));
         assert!(until_unused && !beacon);
         let place = skein_common::frame::Geodetic::from_degrees(lat_deg, lon_deg, alt_m);

@@ -24,11 +24,14 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use flight::Flight;
 use host::Host;
 use lab::{HOSTS, Lab};
+use skein_tests::share::Share;
 
-/// Permission to run one cluster at a time; `None` if these tests cannot run here.
-fn alone() -> Option<MutexGuard<'static, ()>> {
+/// Permission to run one cluster at a time, with the processors that it needs; `None` if these tests cannot run here.
+fn alone() -> Option<(MutexGuard<'static, ()>, Share)> {
     static ALONE: Mutex<()> = Mutex::new(());
-    let Some(missing) = lab::missing() else { return Some(ALONE.lock().unwrap_or_else(PoisonError::into_inner)) };
+    let Some(missing) = lab::missing() else {
+        return Some((ALONE.lock().unwrap_or_else(PoisonError::into_inner), Share::of(100)));
+    };
     refuse(&missing);
     None
 }

@@ -17,6 +17,7 @@ use std::time::Duration;
 
 use network::Side;
 use skein_tests::namespaces::missing;
+use skein_tests::share::Share;
 use swarm::{Line, Swarm};
 
 /// Duration of a network cut.
@@ -80,6 +81,7 @@ fn the_swarm_continues_without_a_killed_agent_which_catches_up_after_its_restart
     if !can_run() {
         return;
     }
+    let _share = Share::of(50);
     // The fourth vehicle starts far away: the others wait for it.
     let far = [0.0, -95.0];
     let starts = [on_ring(0.0), on_ring(90.0), on_ring(180.0), far];
@@ -130,6 +132,7 @@ fn two_partitions_of_a_cut_swarm_continue_and_rejoin_after_the_cut() {
     if !can_run() {
         return;
     }
+    let _share = Share::of(50);
     // The fourth vehicle starts far away: its partition reaches the next step later than the other.
     let starts = [on_ring(0.0), on_ring(90.0), on_ring(180.0), [0.0, -95.0]];
     let sides = [Side::Left, Side::Left, Side::Right, Side::Right];
@@ -175,6 +178,7 @@ fn under_a_quorum_only_the_larger_partition_of_a_cut_swarm_continues() {
     if !can_run() {
         return;
     }
+    let _share = Share::of(50);
     let starts = [0.0, 144.0, 216.0, 72.0, 288.0].map(on_ring);
     let sides = [Side::Left, Side::Left, Side::Left, Side::Right, Side::Right];
     let (larger, smaller, all) = ([1, 2, 3], [4, 5], [1, 2, 3, 4, 5]);
