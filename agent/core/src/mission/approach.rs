@@ -6,12 +6,17 @@
 //! Nearer is what a law, wind and avoidance leave a vehicle to do: any of the [`Remaining`] amounts has to fall below its least
 //! value within the step. Each cannot fall below zero, and counts only when it has fallen by a stated amount: so a vehicle
 //! that never reaches its step stops coming nearer at last, whatever it does.
+//!
+//! A vehicle that flies as its law commands is not the one that keeps the others waiting: in a crowded ring all of them move
+//! along it for minutes, and none comes nearer. Its time counts a tenth, so that it leaves at last too.
 
 use crate::deadlines::Deadline;
 
 /// Fall of a remaining distance or time that counts, m or s: above the wander of a hover in gusts, far below what a vehicle
 /// flies in a minute.
 const NEARER: f64 = 0.5;
+/// How many times as long a vehicle may come no nearer while it flies as its law commands.
+const PATIENCE: f64 = 10.0;
 
 /// What remains until the vehicle has reached its step. Each is at least 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,14 +50,15 @@ pub(super) struct Approach {
 }
 
 impl Approach {
-    /// Counts `dt_s` in which the vehicle was to come nearer, and after which this remains.
-    pub(super) fn update(&mut self, dt_s: f64, remaining: Remaining) {
+    /// Counts `dt_s` in which the vehicle was to come nearer, and after which this remains. It `follows` if it flies as its law
+    /// commands.
+    pub(super) fn update(&mut self, dt_s: f64, remaining: Remaining, follows: bool) {
         let now = remaining.amounts();
         let Some(least) = &mut self.least else {
             *self = Self { least: Some(now), idle_s: 0.0 };
             return;
         };
-        self.idle_s += dt_s;
+        self.idle_s += if follows { dt_s / PATIENCE } else { dt_s };
         for (least, now) in least.iter_mut().zip(now) {
             if now <= *least - NEARER {
                 (*least, self.idle_s) = (now, 0.0);
@@ -91,20 +97,30 @@ mod tests {
         for fall in falls {
             let mut approach = Approach::default();
             for second in 0..300 {
-                approach.update(1.0, fall(f64::from(second)));
+                approach.update(1.0, fall(f64::from(second)), false);
                 assert!(!approach.has_stopped(60.0), "{second} s");
             }
         }
         let mut approach = Approach::default();
         for second in 0..60 {
             let wander_m = if second % 2 == 0 { 0.0 } else { 0.4 };
-            approach.update(1.0, Remaining { to_centre_m: 300.0 - wander_m, ..FAR });
+            approach.update(1.0, Remaining { to_centre_m: 300.0 - wander_m, ..FAR }, false);
             assert!(!approach.has_stopped(60.0));
         }
-        approach.update(2.0, FAR);
+        approach.update(2.0, FAR, false);
         assert!(approach.has_stopped(60.0));
         approach.restart();
         assert!(!approach.has_stopped(60.0));
+    }
+
+    #[test]
+    fn a_vehicle_that_flies_as_commanded_has_ten_times_as_long() {
+        let mut approach = Approach::default();
+        let stopped = (0..1000).find(|_| {
+            approach.update(1.0, FAR, true);
+            approach.has_stopped(60.0)
+        });
+        assert!(stopped.is_some_and(|second| (600..=602).contains(&second)), "{stopped:?}");
     }
 
     proptest! {
@@ -112,7 +128,7 @@ mod tests {
         fn a_vehicle_that_never_arrives_has_stopped_at_last(amounts in prop::collection::vec(prop::array::uniform5(0.0..5.0f64), 4000)) {
             let mut approach = Approach::default();
             let has_stopped = amounts.into_iter().any(|[to_centre_m, error_m, altitude_error_m, path_m, dwell_s]| {
-                approach.update(1.0, Remaining { to_centre_m, error_m, altitude_error_m, path_m, dwell_s });
+                approach.update(1.0, Remaining { to_centre_m, error_m, altitude_error_m, path_m, dwell_s }, false);
                 approach.has_stopped(60.0)
             });
             // Five amounts fall from 5 at most ten times each, and a minute at most passes before each.
