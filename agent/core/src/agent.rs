@@ -419,7 +419,7 @@ impl Agent {
             absent_may_fly: self.peers.absent_may_fly(),
             altitude_error_m: output.map(|output| output.altitude_error_m(estimate)),
             error_m: output.map(|output| output.setpoint.error_ne_m().norm()),
-            towards_m_s: output.map_or(0.0, |output| output.setpoint.towards_m_s(estimate.velocity.horizontal())),
+            follows_law: output.is_some_and(|output| output.is_followed(estimate.velocity.horizontal())),
             position_is_stuck: self.diagnosis.is_position_stuck(),
             collective_limit: self.controller.collective_limit(),
             in_place: output.is_some_and(|output| output.in_place),

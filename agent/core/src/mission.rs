@@ -39,7 +39,7 @@ use crate::deadlines::Deadline;
 use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions, Response};
 use crate::peers::{PeerProgress, Report};
-use crate::setpoint::{CollectiveLimit, VELOCITY_PER_ERROR_PER_S};
+use crate::setpoint::CollectiveLimit;
 use agreement::{Agreement, AgreementState, OtherStates, Progress};
 use approach::{Approach, Remaining};
 use landing::Landing;
@@ -54,10 +54,6 @@ const FLYING_ABOVE_M: f64 = 1.5;
 const STUCK_M_S: f64 = 0.3;
 /// Largest altitude error at which a vehicle is at its altitude, m.
 pub const AT_ALTITUDE_M: f64 = 1.0;
-/// Share of the commanded velocity with which a vehicle flies as its law commands.
-const FOLLOWS: f64 = 0.25;
-/// Position error below which a law commands next to no velocity, m.
-const NEAR_M: f64 = 1.0;
 /// Height by which a healthy vehicle may hover above its altitude setpoint without auto-trim, m: the collective rules
 /// leave an error that grows with airspeed, 2.4 m at 5 m/s and 7.6 m at 8 m/s.
 const ABOVE_ALTITUDE_UNTRIMMED_M: f64 = 9.0;
@@ -75,8 +71,8 @@ pub struct View {
     pub altitude_error_m: Option<f64>,
     /// Length of the horizontal position error that the formation commands away, m; `None` before the first setpoint.
     pub error_m: Option<f64>,
-    /// Velocity towards the position at which that error is zero, relative to the centre, m/s.
-    pub towards_m_s: f64,
+    /// Whether the vehicle flies as its law commands, before the safety filter.
+    pub follows_law: bool,
     /// Whether the measured position does not follow the vehicle.
     pub position_is_stuck: bool,
     /// The limit of the climb authority, if the controller is at one.
@@ -559,9 +555,7 @@ impl Mission {
         let to_centre_m = (estimate.position.horizontal() - centre_ne_m).norm();
         let nearing_m_s = -estimate.velocity.down_m_s() * altitude_error_m.signum();
         let altitude_error_m = altitude_error_m.abs();
-        let is_towards = view.towards_m_s >= FOLLOWS * VELOCITY_PER_ERROR_PER_S * error_m;
-        let follows =
-            (error_m < NEAR_M || is_towards) && (altitude_error_m < AT_ALTITUDE_M || nearing_m_s >= STUCK_M_S);
+        let follows = view.follows_law && (altitude_error_m < AT_ALTITUDE_M || nearing_m_s >= STUCK_M_S);
         let remaining = Remaining { to_centre_m, error_m, altitude_error_m, path_m, dwell_s };
         self.approach.update(dt_s, remaining, follows);
         self.gave_up = self.approach.has_stopped(self.progress_timeout_s);

@@ -27,13 +27,6 @@ impl Setpoint {
     pub fn error_ne_m(&self) -> Vector2<f64> {
         self.relative_velocity_ne_m_s / VELOCITY_PER_ERROR_PER_S
     }
-
-    /// The part of a velocity over the ground, north and east, m/s, that is in the commanded direction, without the feed-forward,
-    /// m/s; 0 where none is commanded.
-    pub fn towards_m_s(&self, velocity_ne_m_s: Vector2<f64>) -> f64 {
-        let direction = self.relative_velocity_ne_m_s.try_normalize(0.0).unwrap_or_default();
-        (velocity_ne_m_s - self.feedforward_ne_m_s).dot(&direction)
-    }
 }
 
 /// The limit of the controller's authority over the climb, which the mission takes of the last step: no collective is left in this
