@@ -10,7 +10,7 @@ const LATE_SHARE: f64 = 0.01;
 
 #[test]
 fn ten_agents_on_one_pc_hold_the_ring_and_their_x_planes_are_given_back_after_its_death() {
-    let _share = Share::of(200);
+    let _share = Share::of(120);
     let folder = tempfile::tempdir().unwrap();
     let mut pc = OnePc::start(env!("CARGO_BIN_EXE_skein-under-test").as_ref(), folder.path(), Cores::Shared);
     let (load, metrics) = pc.fly(FLOWN_S);
