@@ -37,7 +37,8 @@ pub struct PlantSpec {
     pub has_own_start: bool,
 }
 
-/// Where the simulator of a plant runs. It decides who starts it, and whether it has an address.
+/// The place where a plant's simulator runs: it decides which program starts the simulator, and whether the simulator has an
+/// address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Simulator {
     /// Inside the agent: it has no address, and the aircraft needs a flight model.
