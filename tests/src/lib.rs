@@ -20,6 +20,7 @@ pub mod one_pc;
 pub mod page_client;
 pub mod processes;
 pub mod python;
+pub mod schedule;
 pub mod share;
 #[cfg(unix)]
 pub mod soak;

@@ -2,8 +2,6 @@
 //! protocol, over a link that loses datagrams, at any frame rate. The control loop is that of an agent in real time: a
 //! step for every frame, and one without a frame when one and a half periods have passed.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
@@ -17,7 +15,7 @@ use skein_agent::plant::xplane::wire::dref::Template;
 use skein_agent::plant::xplane::wire::operation;
 use skein_common::frame::{Geodetic, Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{self, EventKind, Message, Order};
+use skein_common::message::{EventKind, Order};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 use skein_common::time::{LocalTime, PlantTime};
@@ -33,7 +31,9 @@ use skein_core::random::{self, Purpose};
 use skein_core::start::starts;
 use skein_core::station::{Clocks, Entering, Station};
 use skein_lab::metrics::{Metrics, Report, Run, VehicleNow, Wall};
+use skein_lab::world::through_wire;
 
+use crate::schedule::Schedule;
 use crate::{in_parallel, median_and_worst, scenario};
 
 /// Time that a datagram or a message needs, ns.
@@ -74,33 +74,6 @@ enum Event {
     Observation,
 }
 
-/// An event in the order of its time, and of two at the same time in the order of their making.
-struct Due {
-    at_ns: u64,
-    nth: u64,
-    event: Event,
-}
-
-impl PartialEq for Due {
-    fn eq(&self, other: &Self) -> bool {
-        (self.at_ns, self.nth) == (other.at_ns, other.nth)
-    }
-}
-
-impl Eq for Due {}
-
-impl PartialOrd for Due {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Due {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (self.at_ns, self.nth).cmp(&(other.at_ns, other.nth))
-    }
-}
-
 /// One vehicle: its agent, its client and its simulator.
 struct Vehicle {
     id: VehicleId,
@@ -123,9 +96,7 @@ struct Vehicle {
 pub struct Swarm {
     vehicles: Vec<Vehicle>,
     origin: Origin,
-    due: BinaryHeap<Reverse<Due>>,
-    made: u64,
-    now_ns: u64,
+    schedule: Schedule<Event>,
     /// The instant of time zero; only differences from it are used.
     zero: Instant,
     workspace: Workspace,
@@ -235,37 +206,30 @@ impl Swarm {
         let mut swarm = Self {
             vehicles: vehicles.collect(),
             origin,
-            due: BinaryHeap::new(),
-            made: 0,
-            now_ns: 0,
+            schedule: Schedule::default(),
             zero: skein_host::clock::now(),
             workspace: Workspace::default(),
             events: Vec::new(),
         };
         for nth in 0..swarm.vehicles.len() {
             let appeared = PeerMessage::Appeared(swarm.vehicles[nth].id);
-            swarm.plan(DELAY_NS, Event::Message(nth, Box::new(appeared)));
+            swarm.schedule.after(DELAY_NS, Event::Message(nth, Box::new(appeared)));
             // Simulators are not in step with each other.
-            swarm.plan(nth as u64 * 3_000_000, Event::Frame(nth));
+            swarm.schedule.after(nth as u64 * 3_000_000, Event::Frame(nth));
             swarm.renew(nth);
             swarm.plan_deadline(nth);
         }
-        swarm.plan(0, Event::Observation);
+        swarm.schedule.after(0, Event::Observation);
         swarm
-    }
-
-    fn plan(&mut self, in_ns: u64, event: Event) {
-        self.made += 1;
-        self.due.push(Reverse(Due { at_ns: self.now_ns + in_ns, nth: self.made, event }));
     }
 
     /// Time since the beginning.
     pub fn now(&self) -> LocalTime {
-        LocalTime::from_nanoseconds(self.now_ns)
+        LocalTime::from_nanoseconds(self.schedule.now_ns)
     }
 
     fn instant(&self) -> Instant {
-        self.zero + Duration::from_nanos(self.now_ns)
+        self.zero + Duration::from_nanos(self.schedule.now_ns)
     }
 
     /// Runs until this time, s.
@@ -277,8 +241,7 @@ impl Swarm {
 
     /// Runs until the next observation, 20 ms.
     pub fn run(&mut self) {
-        while let Some(Reverse(Due { at_ns, event, .. })) = self.due.pop() {
-            self.now_ns = at_ns;
+        while let Some(event) = self.schedule.next_until(u64::MAX) {
             match event {
                 Event::Frame(nth) => self.frame(nth),
                 Event::Datagram(nth, datagram) => self.receive(nth, &datagram),
@@ -286,7 +249,7 @@ impl Swarm {
                 Event::Deadline(..) => {}
                 Event::Message(from, message) => self.deliver(from, *message),
                 Event::Observation => {
-                    self.plan(OBSERVATION_NS, Event::Observation);
+                    self.schedule.after(OBSERVATION_NS, Event::Observation);
                     return;
                 }
             }
@@ -310,9 +273,9 @@ impl Swarm {
             simulator.end_frame(frame_s, |_, datagram| sent.push(datagram.to_vec()));
         }
         for datagram in sent {
-            self.plan(DELAY_NS, Event::Datagram(nth, datagram));
+            self.schedule.after(DELAY_NS, Event::Datagram(nth, datagram));
         }
-        self.plan((frame_s * 1e9) as u64, Event::Frame(nth));
+        self.schedule.after((frame_s * 1e9) as u64, Event::Frame(nth));
     }
 
     fn receive(&mut self, nth: usize, datagram: &[u8]) {
@@ -362,7 +325,7 @@ impl Swarm {
 
     fn plan_deadline(&mut self, nth: usize) {
         let timeout_ns = (TIMEOUT_PERIODS * self.vehicles[nth].client.frame_period_s() * 1e9) as u64;
-        self.plan(timeout_ns, Event::Deadline(nth, self.vehicles[nth].steps));
+        self.schedule.after(timeout_ns, Event::Deadline(nth, self.vehicles[nth].steps));
     }
 
     fn renew(&mut self, nth: usize) {
@@ -375,7 +338,7 @@ impl Swarm {
         let state = outbox.state.map(|state| ReceivedState::new(through_wire(&*state), &self.origin));
         let mission = outbox.mission.map(|mission| PeerMessage::Mission(through_wire(&*mission)));
         for message in state.map(PeerMessage::State).into_iter().chain(mission) {
-            self.plan(DELAY_NS, Event::Message(nth, Box::new(message)));
+            self.schedule.after(DELAY_NS, Event::Message(nth, Box::new(message)));
         }
     }
 
@@ -517,11 +480,6 @@ impl Swarm {
             fallback_flies: agent.fallback_flies(),
         }
     }
-}
-
-/// Encodes and decodes a message, as the network does.
-fn through_wire<M: Message>(message: &M) -> M {
-    message::decode(&message::encode(message)).expect("an agent's message decodes")
 }
 
 /// Flies the shipped hover with this seed for so long, s, whatever the frame rate; `None` if not all vehicles join.

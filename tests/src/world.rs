@@ -38,6 +38,7 @@ use skein_core::random::Purpose;
 use skein_core::start::starts;
 use skein_host::clock;
 
+use crate::schedule::Schedule;
 use computer::{Computer, Parts, Process};
 use liar::Liar;
 use network::{Backlog, Network, NodeState, Packet};
@@ -129,9 +130,7 @@ struct World {
     liar: Liar,
     lies: Chance,
     rules: Rules,
-    queue: BTreeMap<(u64, u64), Event>,
-    events: u64,
-    t_ns: u64,
+    schedule: Schedule<Event>,
     /// Since when two honest nodes are healthy with a usual network, and whether they have been in contact since.
     pairs: BTreeMap<(VehicleId, VehicleId), (u64, bool)>,
     /// Since when a healthy node cannot receive a peer, and since when it has no link with one.
@@ -233,9 +232,7 @@ impl World {
             liar,
             lies,
             rules,
-            queue: BTreeMap::new(),
-            events: 0,
-            t_ns: 0,
+            schedule: Schedule::default(),
             pairs: BTreeMap::new(),
             silent_since: BTreeMap::new(),
             unlinked_since: BTreeMap::new(),
@@ -248,7 +245,7 @@ impl World {
     }
 
     fn t_s(&self) -> f64 {
-        self.t_ns as f64 * 1e-9
+        self.schedule.now_ns as f64 * 1e-9
     }
 
     fn note(&mut self, what: impl FnOnce() -> String) {
@@ -257,29 +254,22 @@ impl World {
         }
     }
 
-    fn at(&mut self, t_ns: u64, event: Event) {
-        self.events += 1;
-        self.queue.insert((t_ns, self.events), event);
-    }
-
     fn run(&mut self) {
-        self.at(LOOK_NS, Event::Look);
-        self.at(LOOK_NS, Event::Lie);
+        self.schedule.at(LOOK_NS, Event::Look);
+        self.schedule.at(LOOK_NS, Event::Lie);
         let phases: Vec<_> = self.computers.values().map(|computer| (computer.id, computer.plan.phase_s)).collect();
-        phases.into_iter().for_each(|(id, phase_s)| self.at(ns(phase_s), Event::Frame(id)));
+        phases.into_iter().for_each(|(id, phase_s)| self.schedule.at(ns(phase_s), Event::Frame(id)));
         for nth in 0..self.plan.faults.len() {
-            self.at(ns(self.plan.faults[nth].at_s), Event::FaultBegins(nth));
+            self.schedule.at(ns(self.plan.faults[nth].at_s), Event::FaultBegins(nth));
             if self.plan.faults[nth].until_s < FLIGHT_S {
-                self.at(ns(self.plan.faults[nth].until_s), Event::FaultEnds(nth));
+                self.schedule.at(ns(self.plan.faults[nth].until_s), Event::FaultEnds(nth));
             }
         }
-        (0..self.plan.orders.len()).for_each(|nth| self.at(ns(self.plan.orders[nth].at_s), Event::OrderGiven(nth)));
-        while let Some(((t_ns, _), event)) = self.queue.pop_first() {
-            let end_s = if self.plan.is_to_the_end { MISSION_S } else { FLIGHT_S };
-            if t_ns > ns(end_s) || self.rules.violation.is_some() || self.flight.has_ended {
-                return;
-            }
-            self.t_ns = t_ns;
+        (0..self.plan.orders.len())
+            .for_each(|nth| self.schedule.at(ns(self.plan.orders[nth].at_s), Event::OrderGiven(nth)));
+        let end_ns = ns(if self.plan.is_to_the_end { MISSION_S } else { FLIGHT_S });
+        while self.rules.violation.is_none() && !self.flight.has_ended {
+            let Some(event) = self.schedule.next_until(end_ns) else { return };
             match event {
                 Event::Look => self.look(),
                 Event::Frame(id) => self.frame(id),
@@ -296,7 +286,7 @@ impl World {
 
     /// One frame of a helicopter, and one pass of its agent's control loop.
     fn frame(&mut self, id: VehicleId) {
-        let (t_ns, t_s, zero) = (self.t_ns, self.t_s(), self.parts.zero);
+        let (t_ns, t_s, zero) = (self.schedule.now_ns, self.t_s(), self.parts.zero);
         let Some(computer) = self.computers.get_mut(&id) else { return };
         self.queue
             .insert((t_ns + (FRAME_NS / computer.plan.rate) as u64, u64::MAX - u64::from(id.get())), Event::Frame(id));
@@ -341,13 +331,13 @@ impl World {
     }
 
     fn send(&mut self, packet: Packet, is_best_effort: bool) {
-        for at_ns in self.network.send(&packet, is_best_effort, self.t_ns) {
-            self.at(at_ns, Event::Arrival(packet.clone()));
+        for at_ns in self.network.send(&packet, is_best_effort, self.schedule.now_ns) {
+            self.schedule.at(at_ns, Event::Arrival(packet.clone()));
         }
     }
 
     fn arrive(&mut self, packet: Packet) {
-        let (t_ns, zero, to) = (self.t_ns, self.parts.zero, packet.to);
+        let (t_ns, zero, to) = (self.schedule.now_ns, self.parts.zero, packet.to);
         if to == self.liar.id {
             return self.liar.receive(&packet.key, &packet.bytes);
         }
@@ -366,7 +356,7 @@ impl World {
     /// An operator gives an order to one node.
     fn give_order(&mut self, nth: usize) {
         let planned = self.plan.orders[nth];
-        let (zero, t_ns, t_s) = (self.parts.zero, self.t_ns, self.t_s());
+        let (zero, t_ns, t_s) = (self.parts.zero, self.schedule.now_ns, self.t_s());
         let epoch = (self.rules.epoch() + u64::from(!planned.is_concurrent)).max(1);
         let order =
             Order { epoch, issuer: 1000 + nth as u64, verb: planned.verb, vehicles: planned.vehicles, signature: None };
@@ -399,7 +389,7 @@ impl World {
             }
         }
         let pause_s = self.lies.between(0.0, 2.0 / self.plan.lies_hz);
-        self.at(self.t_ns + ns(pause_s), Event::Lie);
+        self.schedule.after(ns(pause_s), Event::Lie);
     }
 
     fn states(&self) -> BTreeMap<VehicleId, NodeState> {
@@ -413,11 +403,11 @@ impl World {
         self.supervise();
         self.update_links();
         faults::check(self);
-        self.at(self.t_ns + LOOK_NS, Event::Look);
+        self.schedule.after(LOOK_NS, Event::Look);
     }
 
     fn supervise(&mut self) {
-        let (t_ns, t_s) = (self.t_ns, self.t_s());
+        let (t_ns, t_s) = (self.schedule.now_ns, self.t_s());
         let mut ended = Vec::new();
         for (id, computer) in &mut self.computers {
             if computer.is_suspended || t_s < computer.plan.starts_s {
@@ -447,7 +437,7 @@ impl World {
     }
 
     fn update_links(&mut self) {
-        let (t_ns, zero, states) = (self.t_ns, self.parts.zero, self.states());
+        let (t_ns, zero, states) = (self.schedule.now_ns, self.parts.zero, self.states());
         let state = |id: VehicleId| states.get(&id).copied().unwrap_or_default();
         for (node, link, peer) in self.network.closing(t_ns, state) {
             self.network.close(node, link);
@@ -459,15 +449,15 @@ impl World {
         }
         let ids: Vec<_> = states.keys().copied().collect();
         for (one, other, after_ns) in self.network.dialling(&ids, state) {
-            self.at(t_ns + after_ns, Event::Dialled(one, other));
+            self.schedule.at(t_ns + after_ns, Event::Dialled(one, other));
         }
     }
 
     fn dialled(&mut self, one: VehicleId, other: VehicleId) {
         let states = self.states();
         if let Some(link) = self.network.dialled(one, other, |id| states.get(&id).copied().unwrap_or_default()) {
-            self.network.open(one, other, link, self.t_ns);
-            self.network.open(other, one, link, self.t_ns);
+            self.network.open(one, other, link, self.schedule.now_ns);
+            self.network.open(other, one, link, self.schedule.now_ns);
             self.linked(one, other, link);
             self.linked(other, one, link);
             self.note(|| format!("nodes {one} and {other}: link {link} forms"));
@@ -476,13 +466,13 @@ impl World {
 
     /// A link has formed at a node: the node counts it, and queries the peer for its last heartbeat.
     fn linked(&mut self, node: VehicleId, peer: VehicleId, link: u64) {
-        let (zero, t_ns) = (self.parts.zero, self.t_ns);
+        let (zero, t_ns) = (self.parts.zero, self.schedule.now_ns);
         self.unlinked_since.remove(&(node, peer));
         let Some(computer) = self.computers.get_mut(&node) else { return };
         let now = computer.now(zero, t_ns);
         if let Some(process) = computer.process.as_mut() {
             process.agent.link_forms(link, peer, now);
-            self.at(t_ns + self.network.delay_ns(), Event::Query { of: peer, by: node, link });
+            self.schedule.at(t_ns + self.network.delay_ns(), Event::Query { of: peer, by: node, link });
         }
     }
 

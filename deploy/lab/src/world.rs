@@ -478,8 +478,11 @@ fn with_counts(totals: Totals, agent: &Agent) -> Totals {
     }
 }
 
-/// Encodes and decodes a message, as the network would.
-fn through_wire<M: Message>(message: &M) -> M {
+/// Encodes and decodes a message, as the network does.
+///
+/// # Panics
+/// If a receiver would refuse the message.
+pub fn through_wire<M: Message>(message: &M) -> M {
     // An agent sends no message that a receiver would reject. If it did, the study would be wrong and must stop.
     #[expect(clippy::expect_used, reason = "a message of ours that does not decode is a bug")]
     message::decode(&message::encode(message)).expect("an agent's message decodes")

@@ -13,7 +13,7 @@ impl World {
     pub(super) fn fault_begins(&mut self, nth: usize) {
         let fault = self.plan.faults[nth];
         self.note(|| format!("fault {nth} begins: {fault}"));
-        let (id, t_ns) = (fault.node, self.t_ns);
+        let (id, t_ns) = (fault.node, self.schedule.now_ns);
         let Some(computer) = self.computers.get_mut(&id) else { return };
         match fault.kind {
             FaultKind::Kill => {
@@ -54,7 +54,7 @@ impl World {
         if !matches!(fault.kind, FaultKind::Cut | FaultKind::Weak) && self.plan.faults.iter().any(lasts) {
             return;
         }
-        let t_ns = self.t_ns;
+        let t_ns = self.schedule.now_ns;
         let Some(computer) = self.computers.get_mut(&id) else { return };
         match fault.kind {
             FaultKind::Stop | FaultKind::Hang => {
@@ -142,7 +142,7 @@ fn check_presence(world: &mut World) {
 }
 
 fn check_restarts(world: &mut World) {
-    let (t_ns, t_s) = (world.t_ns, world.t_s());
+    let (t_ns, t_s) = (world.schedule.now_ns, world.t_s());
     for (id, computer) in &mut world.computers {
         // A disk that fails keeps an agent on the ground: its supervisor tries again and again.
         if computer.disk.is_dead || computer.is_suspended {
@@ -171,7 +171,7 @@ fn honest_pairs(world: &World) -> Vec<(VehicleId, VehicleId)> {
 
 /// Two healthy nodes come into contact, and remain in contact.
 fn check_contact(world: &mut World) {
-    let (t_ns, t_s) = (world.t_ns, world.t_s());
+    let (t_ns, t_s) = (world.schedule.now_ns, world.t_s());
     for pair in honest_pairs(world) {
         let (one, other) = (&world.computers[&pair.0], &world.computers[&pair.1]);
         if !(one.is_healthy() && other.is_healthy() && world.network.is_usual(pair.0, pair.1)) {
@@ -197,7 +197,7 @@ fn check_contact(world: &mut World) {
 
 /// A healthy node notices that it does not receive a peer.
 fn check_silence(world: &mut World) {
-    let (t_ns, t_s) = (world.t_ns, world.t_s());
+    let (t_ns, t_s) = (world.schedule.now_ns, world.t_s());
     for (one, other) in honest_pairs(world) {
         for (node, peer) in [(one, other), (other, one)] {
             let (computer, of_peer) = (&world.computers[&node], &world.computers[&peer]);
@@ -232,7 +232,7 @@ fn check_silence(world: &mut World) {
 
 /// An order that a node has received reaches all nodes that were in contact with it all the time.
 fn check_spreading(world: &mut World) {
-    let (t_ns, t_s) = (world.t_ns, world.t_s());
+    let (t_ns, t_s) = (world.schedule.now_ns, world.t_s());
     let is_due = |since_ns: u64| t_ns - since_ns > super::ns(rules::SPREAD_S);
     for spreading in world.spreading.extract_if(.., |spreading| is_due(spreading.since_ns)) {
         let (node, order) = (spreading.node, spreading.order);
