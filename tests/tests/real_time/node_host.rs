@@ -11,9 +11,9 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
-use skein::cluster::bundle::{Bundle, BundleFile};
-use skein::cluster::protocol::{Answer, Ask, Facts, Request, Service};
-use skein::inventory::ServiceKind;
+use skein_cluster::bundle::{Bundle, BundleFile};
+use skein_cluster::inventory::ServiceKind;
+use skein_cluster::protocol::{Answer, Ask, Facts, Request, Service};
 use skein_common::id::{SwarmName, VehicleId};
 use tempfile::TempDir;
 
