@@ -12,9 +12,9 @@ use skein_common::id::{VehicleId, VehicleName};
 use skein_common::message::Verb;
 
 use super::nodes::{self, ChosenNodes, NodesArgs, Outcome, Progress, ProgressLine, is_seconds};
-use super::protocol::{Answer, Ask, FORCED};
+use super::protocol::{Ask, Change, FORCED};
 use super::remote::{Fault, Remote};
-use super::ssh::{Ssh, at_once};
+use super::ssh::{Host, Ssh};
 use crate::inventory::Node;
 use crate::keys::run::RunFile;
 use crate::mesh::observe::Observer;
@@ -64,11 +64,8 @@ pub fn run(args: &DownArgs) -> Result<(), Error> {
     drop(progress);
     let report =
         LandingReport { swarm: chosen.inventory.swarm.to_string(), order: landed.order, seconds, nodes: landed.nodes };
-    skein_lab::terminal::say(&match args.nodes.json {
-        true => skein_lab::terminal::json(&report),
-        false => format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order),
-    });
-    Outcome::fail_if_any(&report.nodes, "not known to be down")?;
+    args.nodes.show(&report, || format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order));
+    nodes::fail_if_any(Outcome::failures(&report.nodes), "not known to be down")?;
     match RunFile::of(&chosen.inventory) {
         Some(file) if chosen.ids.len() == chosen.inventory.nodes.len() => file.note_end(),
         _ => Ok(()),
@@ -229,30 +226,23 @@ type ByHost = BTreeMap<VehicleName, (Result<Stopped, Fault>, f64)>;
 
 /// Ends every agent over ssh, after its landing, so that nothing restarts it.
 fn stop_all(chosen: &ChosenNodes, remote: &Remote<'_>, progress: &Progress, within_s: f64) -> ByHost {
-    let done = at_once(&chosen.hosts(), |(host, nodes)| {
-        let line = progress.line(host);
-        line.say("waiting until its vehicles have landed");
-        let mut all = Vec::new();
-        for node in nodes {
-            let begun = clock::now();
-            let done = match remote.ask(host, node, Ask::Stop { within_s }) {
-                Ok(Answer::Done { forced: true, .. }) => Ok(Stopped::Forced),
-                Ok(Answer::Done { changed: true, .. }) => Ok(Stopped::Landed),
-                Ok(Answer::Done { changed: false, .. }) => Ok(Stopped::Nothing),
-                Ok(other) => Err(Fault::Failed(format!("{host}: answers {other:?}"))),
-                Err(fault) => Err(fault),
-            };
-            line.say(&match &done {
-                Ok(Stopped::Landed) => format!("node {} landed", node.id),
-                Ok(Stopped::Forced) => format!("node {} {FORCED}", node.id),
-                Ok(Stopped::Nothing) => format!("node {} does not run", node.id),
-                Err(fault) => fault.clone().sentence(host),
-            });
-            all.push((node.id, (done, (clock::now() - begun).as_secs_f64())));
-        }
-        all
-    });
-    done.into_iter().flatten().collect()
+    let stop = |host: &Host, node: &Node, line: &ProgressLine<'_>| {
+        let begun = clock::now();
+        let done = remote.change(host, node, Ask::Stop { within_s }).map(|change| match change {
+            Change { forced: true, .. } => Stopped::Forced,
+            Change { changed: true, .. } => Stopped::Landed,
+            Change { changed: false, .. } => Stopped::Nothing,
+        });
+        line.say(&match &done {
+            Ok(Stopped::Landed) => format!("node {} landed", node.id),
+            Ok(Stopped::Forced) => format!("node {} {FORCED}", node.id),
+            Ok(Stopped::Nothing) => format!("node {} does not run", node.id),
+            Err(fault) => fault.clone().sentence(host),
+        });
+        (done, (clock::now() - begun).as_secs_f64())
+    };
+    let waiting = "waiting until its vehicles have landed";
+    nodes::at_each(&chosen.hosts(), progress, Some(waiting), stop).into_iter().collect()
 }
 
 #[cfg(test)]

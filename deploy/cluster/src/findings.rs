@@ -9,13 +9,13 @@ use skein_lab::error::Error;
 pub struct Line {
     /// The node or host.
     pub place: String,
-    /// What was checked.
+    /// The thing that was checked: `clock`, `keys`.
     pub what: &'static str,
     /// The verdict.
     pub state: State,
-    /// What was found.
+    /// The finding.
     pub found: String,
-    /// What to do about it.
+    /// The remedy, if it is a fault or a warning.
     pub remedy: Option<String>,
 }
 

@@ -38,7 +38,7 @@ use serde::Deserialize;
 use skein_agent::config::AgentOptions;
 use skein_common::id::VehicleName;
 
-use super::protocol::{Answer, Ask, Request};
+use super::protocol::{Answer, Ask, Change, Request, Setup};
 use crate::capacity::{self, Demand};
 use crate::findings::Line;
 use node::{NodeFolder, Settings};
@@ -110,11 +110,11 @@ fn answer(place: &SwarmFolder, request: Request) -> Result<Answer, String> {
             let demand = Demand { agents, swarm, traces: false };
             return Ok(Answer::Carries(capacity::exceeded_by(demand).map_err(|error| error.to_string())?));
         }
-        Ask::Apply { .. } | Ask::TakeOver { .. } => node::make_folders(&[node.installs(), node.run(), node.log()])?,
+        Ask::Apply(_) | Ask::TakeOver(_) => node::make_folders(&[node.installs(), node.run(), node.log()])?,
         // The node was removed or never installed: only shared files may have to be removed.
         Ask::Remove { .. } if !node.path.exists() => {
             let changed = install::remove(place, &node)?;
-            return Ok(Answer::Done { changed, forced: false, facts: node.facts() });
+            return Ok(Answer::Done(Change { changed, forced: false, facts: node.facts() }));
         }
         _ if !node.path.exists() => return Err(format!("nothing is installed for node {id}")),
         _ => node::make_folders(&[node.run()])?,
@@ -126,9 +126,9 @@ fn answer(place: &SwarmFolder, request: Request) -> Result<Answer, String> {
         forced = ended.by_force;
         Ok::<_, String>(ended.was_busy)
     };
-    let takes_over = matches!(ask, Ask::TakeOver { .. });
+    let takes_over = matches!(ask, Ask::TakeOver(_));
     let changed = match ask {
-        Ask::Apply { bundle, service, log } | Ask::TakeOver { bundle, service, log } => {
+        Ask::Apply(Setup { bundle, service, log }) | Ask::TakeOver(Setup { bundle, service, log }) => {
             node.check_owner(bundle.authority().as_deref(), takes_over)?;
             let settings = Settings { service: service::resolve(place, &node, service)?, log };
             // Do both in any case.
@@ -150,7 +150,7 @@ fn answer(place: &SwarmFolder, request: Request) -> Result<Answer, String> {
         | Ask::Carries { .. }
         | Ask::Log { .. } => false,
     };
-    Ok(Answer::Done { changed, forced, facts: node.facts() })
+    Ok(Answer::Done(Change { changed, forced, facts: node.facts() }))
 }
 
 fn seconds(seconds: f64) -> Result<Duration, String> {

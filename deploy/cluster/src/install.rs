@@ -19,7 +19,7 @@ use super::bundle::Bundle;
 use super::nodes::{self, ChosenNodes, NodesArgs, Progress, ProgressLine, is_seconds};
 use super::pack::pack;
 use super::program::Program;
-use super::protocol::{Answer, Ask, FORCED, Facts, Installed};
+use super::protocol::{Ask, Change, FORCED, Facts, Installed, Setup};
 use super::remote::{Fault, Remote};
 use super::ssh::{Host, at_once};
 use crate::inventory::Node;
@@ -104,16 +104,11 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     let swarm = chosen.inventory.swarm.to_string();
     let report =
         InstallReport { swarm, dry_run: args.dry_run, seconds, installed_s, nodes: rows.into_values().collect() };
-    skein_lab::terminal::say(&if args.nodes.json {
-        skein_lab::terminal::json(&report)
-    } else {
-        row::table(&report.nodes, args.dry_run)
-    });
-    let failed: Vec<VehicleName> = report.nodes.iter().filter(|row| row.why.is_some()).map(|row| row.node).collect();
-    nodes::fail_if_any(&failed, report.nodes.len(), "failed")
+    args.nodes.show(&report, || row::table(&report.nodes, args.dry_run));
+    nodes::fail_if_any(report.nodes.iter().map(|row| (row.node, row.why.is_some())), "failed")
 }
 
-/// What to install on a node.
+/// The program and the files to install on a node.
 struct Given {
     program: Arc<Program>,
     bundle: Bundle,
@@ -204,14 +199,11 @@ impl Install<'_> {
         }
         line.say(&format!("configuring node {}", node.id));
         let begun = clock::now();
-        let (bundle, service, log) = (given.bundle.clone(), node.service, node.log.clone());
-        let ask = match self.args.take_over {
-            true => Ask::TakeOver { bundle, service, log },
-            false => Ask::Apply { bundle, service, log },
-        };
-        let answer = self.remote.ask_release(host, node, &given.program.release, ask);
+        let setup = Setup { bundle: given.bundle.clone(), service: node.service, log: node.log.clone() };
+        let ask = if self.args.take_over { Ask::TakeOver(setup) } else { Ask::Apply(setup) };
+        let applied = self.remote.change_by(host, node, &given.program.release, ask);
         row.apply_s = (clock::now() - begun).as_secs_f64();
-        let (changed, facts) = done(host, answer)?;
+        let Change { changed, facts, .. } = done(host, applied)?;
         if facts.current.as_ref() != Some(&given.installed()) {
             return Err(format!("{host}: has {:?} now, not what it was given", facts.current));
         }
@@ -264,10 +256,9 @@ impl Install<'_> {
 
     /// Determines what would be done on a node.
     fn foresee(&self, host: &Host, node: &Node, given: &Given, row: &mut InstalledNode) -> Result<Facts, String> {
-        let facts = match self.remote.ask(host, node, Ask::Facts) {
-            Ok(Answer::Facts(facts)) => facts,
+        let facts = match self.remote.facts(host, node) {
+            Ok(facts) => facts,
             Err(Fault::NotInstalled) => Facts::default(),
-            Ok(other) => return Err(format!("{host}: answers {other:?}")),
             Err(Fault::Failed(why)) => return Err(why),
         };
         row.done = match &facts.current {
@@ -279,19 +270,17 @@ impl Install<'_> {
     }
 
     fn roll_back(&self, host: &Host, node: &Node, row: &mut InstalledNode) -> Result<Facts, String> {
-        let (changed, facts) = done(host, self.remote.ask(host, node, Ask::Rollback))?;
-        row.done = if changed { Done::RolledBack } else { Done::Unchanged };
-        Ok(facts)
+        let change = done(host, self.remote.change(host, node, Ask::Rollback))?;
+        row.done = if change.changed { Done::RolledBack } else { Done::Unchanged };
+        Ok(change.facts)
     }
 }
 
-/// Reads the answer to a request that changes something.
-fn done(host: &Host, answer: Result<Answer, Fault>) -> Result<(bool, Facts), String> {
-    match answer {
-        Ok(Answer::Done { forced: true, .. }) => Err(format!("{host}: {FORCED}")),
-        Ok(Answer::Done { changed, facts, .. }) => Ok((changed, facts)),
-        Ok(other) => Err(format!("{host}: answers {other:?}")),
-        Err(fault) => Err(fault.sentence(host)),
+/// The result of a request that changes something; an agent that was ended in flight is a failure too.
+fn done(host: &Host, change: Result<Change, Fault>) -> Result<Change, String> {
+    match change {
+        Ok(Change { forced: true, .. }) => Err(format!("{host}: {FORCED}")),
+        change => change.map_err(|fault| fault.sentence(host)),
     }
 }
 

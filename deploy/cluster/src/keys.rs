@@ -52,7 +52,7 @@ pub(crate) fn name_of(names: &Names, role: Role) -> &str {
     }
 }
 
-/// What `check` and `up` report of nodes without an observer's key of their own, in a folder of keys of an earlier version;
+/// The finding of `check` and `up` about nodes without an observer's key of their own, in a folder of keys of an earlier version;
 /// `None` if every node has one.
 pub(crate) fn shared_observer(inventory: &Inventory, names: &Names) -> Option<String> {
     let without = inventory.nodes.keys().filter(|id| !names.observers.contains_key(id)).map(VehicleName::to_string);

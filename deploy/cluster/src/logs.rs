@@ -99,7 +99,7 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
         inbox.iter().for_each(|entry| skein_lab::terminal::draw(&writer.line(&entry, width)));
         asked.join().unwrap_or_default().concat()
     });
-    nodes::fail_if_any(&failed, chosen.ids.len(), "not shown")
+    nodes::fail_if_any(chosen.ids.iter().map(|id| (*id, failed.contains(id))), "not shown")
 }
 
 /// A line of a node's log.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use skein_common::id::VehicleName;
 use skein_common::printable::printable_lines;
 
-use super::ssh::{self, Host, Ssh};
+use super::ssh::{self, Host, Ssh, at_once};
 use crate::FileArgs;
 use crate::findings::table;
 use crate::inventory::{Install, Inventory, Node};
@@ -54,6 +54,11 @@ impl NodesArgs {
     pub fn progress(&self) -> Progress {
         Progress::new(self.verbose)
     }
+
+    /// Prints a result, as JSON if asked for, else as this text.
+    pub fn show(&self, result: &impl Serialize, text: impl FnOnce() -> String) {
+        skein_lab::terminal::say(&if self.json { skein_lab::terminal::json(result) } else { text() });
+    }
 }
 
 /// A cluster and the nodes of it that a command is for.
@@ -86,9 +91,14 @@ impl ChosenNodes {
         self.inventory.nodes.values().filter(|node| self.ids.contains(&node.id))
     }
 
+    /// Returns the chosen nodes that are installed over ssh.
+    pub fn over_ssh(&self) -> impl Iterator<Item = &Node> {
+        self.nodes().filter(|node| node.install == Install::Ssh)
+    }
+
     /// Returns the chosen nodes that are installed over ssh, grouped by host.
     pub fn hosts(&self) -> Vec<(Host, Vec<&Node>)> {
-        ssh::by_host(self.nodes().filter(|node| node.install == Install::Ssh))
+        ssh::by_host(self.over_ssh())
     }
 
     /// Returns the chosen nodes that are installed by hand.
@@ -104,7 +114,7 @@ pub struct Outcome {
     pub node: VehicleName,
     /// Its host.
     pub host: String,
-    /// What was done, briefly.
+    /// The result in a word or two: `landed`.
     pub done: &'static str,
     /// Why it failed; `None` if it did not.
     pub why: Option<String>,
@@ -142,13 +152,9 @@ impl Outcome {
         table(&["node", "host", "done", "all s", ""], all.iter().map(row))
     }
 
-    /// Returns an error if any node failed.
-    ///
-    /// # Errors
-    /// If any node failed: which ones.
-    pub fn fail_if_any(all: &[Self], what: &str) -> Result<(), Error> {
-        let failed: Vec<VehicleName> = all.iter().filter(|one| one.why.is_some()).map(|one| one.node).collect();
-        fail_if_any(&failed, all.len(), what)
+    /// The nodes of these results, each with whether it failed.
+    pub fn failures(all: &[Self]) -> impl Iterator<Item = (VehicleName, bool)> {
+        all.iter().map(|one| (one.node, one.why.is_some()))
     }
 }
 
@@ -230,15 +236,35 @@ pub fn is_seconds(text: &str) -> Result<f64, String> {
     if within { Ok(seconds) } else { Err("not between 0 and 86400 s".to_owned()) }
 }
 
-/// Returns an error that names the failed nodes, if there are any.
+/// Returns an error that names the nodes that failed, if there are any.
 ///
 /// # Errors
-/// If the list is not empty.
-pub fn fail_if_any(failed: &[VehicleName], of: usize, what: &str) -> Result<(), Error> {
+/// If one failed.
+pub fn fail_if_any(all: impl IntoIterator<Item = (VehicleName, bool)>, what: &str) -> Result<(), Error> {
+    let (failed, others): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, has_failed)| *has_failed);
+    let named = list(failed.iter().map(|(id, _)| id));
+    let all = failed.len() + others.len();
     if failed.is_empty() {
-        return Ok(());
+        Ok(())
+    } else {
+        Err(Error::Failed(format!("{} of {all} {what}: node {named}", failed.len())))
     }
-    Err(Error::Failed(format!("{} of {of} {what}: node {}", failed.len(), list(failed))))
+}
+
+/// Runs a task for each of these nodes, at all hosts at once and for the nodes of a host one after the other. Each host has a
+/// line of progress, which begins with `begin`.
+pub fn at_each<'n, R: Send>(
+    hosts: &[(Host, Vec<&'n Node>)],
+    progress: &Progress,
+    begin: Option<&str>,
+    task: impl Fn(&Host, &'n Node, &ProgressLine<'_>) -> R + Sync,
+) -> Vec<(VehicleName, R)> {
+    let done = at_once(hosts, |(host, nodes)| {
+        let line = progress.line(host);
+        begin.iter().for_each(|begin| line.say(begin));
+        nodes.iter().map(|node| (node.id, task(host, node, &line))).collect::<Vec<_>>()
+    });
+    done.into_iter().flatten().collect()
 }
 
 /// Formats sorted ids as a list: `1, 2, 5`; those of a fleet by team, `1/1-8, 3/2, 3/5-6`.

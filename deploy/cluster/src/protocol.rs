@@ -27,24 +27,9 @@ pub enum Ask {
     /// Report what is installed and running.
     Facts,
     /// Install this configuration with the program that answers, for the next start. A running agent is not affected.
-    Apply {
-        /// The node's files.
-        bundle: Bundle,
-        /// The service that restarts the agent when it has failed. The host resolves `Auto`; [`Facts::service`] reports
-        /// the result.
-        service: ServiceKind,
-        /// Log filter of the agent, in the syntax of `RUST_LOG`.
-        log: Option<String>,
-    },
+    Apply(Setup),
     /// Like `Apply`, also if the node belongs to another authority, but not while its agent runs under that authority.
-    TakeOver {
-        /// The node's files.
-        bundle: Bundle,
-        /// As in `Apply`.
-        service: ServiceKind,
-        /// As in `Apply`.
-        log: Option<String>,
-    },
+    TakeOver(Setup),
     /// Start the agent in this run of the swarm. A running agent is not affected.
     Start {
         /// Id of the run, drawn by `up`: orders of other runs are void.
@@ -97,6 +82,17 @@ pub enum Ask {
     },
 }
 
+/// The configuration of a node, with what its host has to know of how it is started.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setup {
+    /// The node's files.
+    pub bundle: Bundle,
+    /// The service that restarts the agent when it has failed. The host resolves `Auto`; [`Facts::service`] reports the result.
+    pub service: ServiceKind,
+    /// Log filter of the agent, in the syntax of `RUST_LOG`.
+    pub log: Option<String>,
+}
+
 /// The service that restarts an agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Service {
@@ -108,7 +104,7 @@ pub enum Service {
     Own,
 }
 
-/// Text for an answer [`Answer::Done`] with `forced`.
+/// Text for a [`Change`] with `forced`.
 pub const FORCED: &str = "had not landed in time: its agent was ended wherever the vehicle was";
 
 /// The answers to the tasks.
@@ -117,15 +113,7 @@ pub enum Answer {
     /// Answer to [`Ask::Facts`].
     Facts(Facts),
     /// Answer to a task that can change something.
-    Done {
-        /// Whether anything was written, started or ended.
-        changed: bool,
-        /// Whether an agent was ended before its vehicle had landed, because the time was up.
-        #[serde(default)]
-        forced: bool,
-        /// What is installed and running afterwards.
-        facts: Facts,
-    },
+    Done(Change),
     /// Answer to [`Ask::Simulator`]: a description of the simulator, or why it did not answer.
     Simulator(Result<String, String>),
     /// Answer to [`Ask::Place`]: a sentence for each thing that was done or found.
@@ -136,6 +124,18 @@ pub enum Answer {
     Reach(Vec<Reached>),
     /// The task failed, and nothing is left half done: the reason.
     Failed(String),
+}
+
+/// Result of a task that can change something.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// Whether anything was written, started or ended.
+    pub changed: bool,
+    /// Whether an agent was ended before its vehicle had landed, because the time was up.
+    #[serde(default)]
+    pub forced: bool,
+    /// The state of the node afterwards.
+    pub facts: Facts,
 }
 
 /// Result of connecting to an endpoint.
@@ -166,12 +166,12 @@ pub enum Cause {
     Other,
 }
 
-/// What is installed and running of one node on its host.
+/// The state of one node on its host: what is installed and what is running.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Facts {
-    /// What would run at the next start.
+    /// The program and configuration of the next start.
     pub current: Option<Installed>,
-    /// What a rollback would restore.
+    /// The program and configuration that a rollback would restore.
     pub previous: Option<Installed>,
     /// The service that restarts the agent.
     pub service: Option<Service>,
@@ -204,7 +204,7 @@ pub struct Installed {
 pub struct RunningAgent {
     /// Process id.
     pub pid: u32,
-    /// What it runs, which may have been installed before what is current.
+    /// The program and configuration that it runs, which may have been installed before what is current.
     pub installed: Installed,
     /// The run of the swarm.
     pub run: u64,

@@ -10,13 +10,13 @@ use skein_common::id::SwarmName;
 use skein_common::printable::printable;
 
 use super::program::{self, Glibc, Program};
-use super::protocol::{Answer, Ask, Request};
+use super::protocol::{Answer, Ask, Change, Facts, Request};
 use super::ssh::{CommandOutput, Host, MAX_SENTENCE, Ssh, quote};
 use crate::inventory::Node;
 
 /// Time limit of a request, connecting included; a landing that is part of the request comes on top.
 const ANSWER: Duration = Duration::from_secs(20);
-/// What a simulator may need in addition to load a flight.
+/// Time that a simulator may need in addition to load a flight.
 const PLACED_WITHIN: Duration = Duration::from_secs(100);
 /// Slowest network for a copy, bytes/s.
 const SLOWEST: u64 = 256 * 1024;
@@ -64,11 +64,11 @@ pub struct Probed {
     pub sum: Option<String>,
     /// Free space in the file system of the folder, bytes.
     pub free_bytes: u64,
-    /// What this user can do where the folder is.
+    /// The rights of this user where the folder is.
     pub folder: FolderProbe,
 }
 
-/// What this user can do in a node's folder, or in the nearest one above it that exists.
+/// The rights of this user in a node's folder, or in the nearest one above it that exists.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FolderProbe {
     /// The path of that folder.
@@ -132,13 +132,32 @@ impl Remote<'_> {
         self.ask_program(host, &self.script(node, NODE, &[&node.id.dashed()]), node, ask)
     }
 
-    /// Like [`Self::ask`], but the program of this release answers.
+    /// Asks what is installed and running of a node.
     ///
     /// # Errors
-    /// The errors of [`Self::ask`].
-    pub fn ask_release(&self, host: &Host, node: &Node, release: &str, ask: Ask) -> Result<Answer, Fault> {
+    /// The errors of [`Self::ask`], and any other answer.
+    pub fn facts(&self, host: &Host, node: &Node) -> Result<Facts, Fault> {
+        match self.ask(host, node, Ask::Facts)? {
+            Answer::Facts(facts) => Ok(facts),
+            other => Err(unexpected(host, &other)),
+        }
+    }
+
+    /// Sends a request that changes something.
+    ///
+    /// # Errors
+    /// The errors of [`Self::ask`], and any other answer.
+    pub fn change(&self, host: &Host, node: &Node, ask: Ask) -> Result<Change, Fault> {
+        changed(host, self.ask(host, node, ask)?)
+    }
+
+    /// Like [`Self::change`], but the program of this release answers.
+    ///
+    /// # Errors
+    /// The errors of [`Self::change`].
+    pub fn change_by(&self, host: &Host, node: &Node, release: &str, ask: Ask) -> Result<Change, Fault> {
         let program = format!("{}/releases/{release}/skein", self.folder(node));
-        self.ask_program(host, &format!("{} node", quote(&program)), node, ask)
+        changed(host, self.ask_program(host, &format!("{} node", quote(&program)), node, ask)?)
     }
 
     fn ask_program(&self, host: &Host, command: &str, node: &Node, ask: Ask) -> Result<Answer, Fault> {
@@ -209,6 +228,18 @@ impl Remote<'_> {
         let line = serde_json::to_string(&request).unwrap_or_else(|_| "null".to_owned()) + "\n";
         line.into_bytes().into()
     }
+}
+
+fn changed(host: &Host, answer: Answer) -> Result<Change, Fault> {
+    match answer {
+        Answer::Done(change) => Ok(change),
+        other => Err(unexpected(host, &other)),
+    }
+}
+
+/// The fault of a host that answers something else than what it was asked.
+pub(crate) fn unexpected(host: &Host, answer: &Answer) -> Fault {
+    Fault::Failed(format!("{host}: answers {answer:?}"))
 }
 
 /// Reads the answer. Every text in it is made safe for a terminal.

@@ -92,7 +92,7 @@ pub struct CommandOutput {
     pub stdout: String,
     /// Its standard error.
     pub stderr: String,
-    /// What the account's shell printed on standard output before and after the command, made safe for a terminal.
+    /// The text that the account's shell printed on standard output before and after the command, made safe for a terminal.
     pub of_shell: String,
 }
 

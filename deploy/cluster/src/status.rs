@@ -144,7 +144,7 @@ pub struct HealthReport {
     pub clock_is_off: bool,
     /// Failures of the vehicle, and faults of its simulator's set-up.
     pub faults: Vec<String>,
-    /// What would be a fault of its simulator's set-up, if the scenario did not ask for it.
+    /// Properties of its simulator's set-up that would be faults if the scenario did not ask for them.
     pub wanted: Vec<String>,
     /// Number of its links with other agents, and on plain links with observers.
     pub links: u32,
@@ -259,7 +259,7 @@ impl HealthReport {
 /// Prints the status of every node of a cluster.
 ///
 /// # Errors
-/// As [`status`].
+/// The errors of [`status`].
 pub fn run(args: &ClusterStatusArgs) -> Result<(), Error> {
     status(&Place::Cluster(Box::new(Inventory::read(&args.file.path())?)), args.shown)
 }

@@ -15,11 +15,11 @@ use super::flown::Evidence;
 use super::install::owner;
 use super::nodes::{self, ChosenNodes, NodesArgs, Progress, is_seconds};
 use super::protocol::{Answer, Ask, RunningAgent};
-use super::remote::{Fault, Remote};
-use super::ssh::at_once;
+use super::remote::{Fault, Remote, unexpected};
+use super::ssh::{at_once, by_host};
 use crate::capacity::{self, Demand};
 use crate::findings;
-use crate::inventory::{Install, Inventory, Node, SecurityKind};
+use crate::inventory::{Inventory, Node, SecurityKind};
 use crate::keys::run::Record;
 use crate::mesh::ready::{CONTACT_TIMEOUT, POLL_PERIOD, Watch};
 use skein_host::clock;
@@ -133,10 +133,8 @@ pub fn run(args: &UpArgs) -> Result<(), Error> {
     let swarm = chosen.inventory.swarm.to_string();
     let report =
         StartReport { swarm, run: watch.run, asked_s, started_s, seconds, nodes: rows.into_values().collect() };
-    skein_lab::terminal::say(&if args.nodes.json { skein_lab::terminal::json(&report) } else { report.to_text() });
-    let missing: Vec<VehicleName> =
-        report.nodes.iter().filter(|row| row.state == Readiness::Missing).map(|row| row.node).collect();
-    nodes::fail_if_any(&missing, report.nodes.len(), "not ready")
+    args.nodes.show(&report, || report.to_text());
+    nodes::fail_if_any(report.nodes.iter().map(|row| (row.node, row.state == Readiness::Missing)), "not ready")
 }
 
 /// The running agent of each node whose host could be asked; `None` if none is running.
@@ -205,34 +203,20 @@ impl Up<'_> {
     /// its rows. The last of the results are the nodes that belong to another authority.
     fn ask(&self, rows: &mut BTreeMap<VehicleName, StartedNode>) -> (RunningAgents, Vec<RunNote>, Vec<VehicleName>) {
         let own = owner::of(&self.chosen.inventory);
-        let asked = at_once(&self.chosen.hosts(), |(host, nodes)| {
-            let line = self.progress.line(host);
-            line.say("asking what runs");
-            let mut all = Vec::new();
-            for node in nodes {
-                let fact = match self.remote.ask(host, node, Ask::Facts) {
-                    Ok(Answer::Facts(facts)) if facts.current.is_some() => {
-                        let is_owned = owner::another(&facts, own.as_deref()).is_some();
-                        Ok((facts.agent, facts.note, is_owned))
-                    }
-                    Ok(Answer::Facts(_)) => Err(Fault::NotInstalled.sentence(host)),
-                    Ok(other) => Err(format!("{host}: answers {other:?}")),
-                    Err(fault) => Err(fault.sentence(host)),
-                };
-                if let Err(why) = &fact {
-                    line.say(why);
-                }
-                all.push((node.id, fact));
-            }
-            all
-        });
+        let asked =
+            nodes::at_each(&self.chosen.hosts(), self.progress, Some("asking what runs"), |host, node, line| {
+                let facts = self.remote.facts(host, node);
+                let installed =
+                    facts.and_then(|facts| facts.current.is_some().then_some(facts).ok_or(Fault::NotInstalled));
+                installed.map_err(|fault| fault.sentence(host)).inspect_err(|why| line.say(why))
+            });
         let (mut running, mut notes, mut owned) = (RunningAgents::new(), Vec::new(), Vec::new());
-        for (id, fact) in asked.into_iter().flatten() {
-            match fact {
-                Ok((agent, note, is_owned)) => {
-                    owned.extend(is_owned.then_some(id));
-                    running.insert(id, agent);
-                    notes.extend(note);
+        for (id, facts) in asked {
+            match facts {
+                Ok(facts) => {
+                    owned.extend(owner::another(&facts, own.as_deref()).map(|_| id));
+                    running.insert(id, facts.agent);
+                    notes.extend(facts.note);
                 }
                 Err(why) => {
                     rows.entry(id).and_modify(|row| row.why = Some(why));
@@ -256,17 +240,14 @@ impl Up<'_> {
         let running = at_once(&asked, |(host, node, agents)| {
             let line = self.progress.line(host);
             line.say("measuring what it carries");
-            match self.remote.ask(host, node, Ask::Carries { agents: *agents, swarm }) {
-                Ok(Answer::Carries(finding)) => finding.map(|finding| format!("{host}: {finding}")),
-                Ok(other) => {
-                    line.say(&format!("not measured: answers {other:?}"));
-                    None
-                }
-                Err(fault) => {
-                    line.say(&format!("not measured: {}", fault.sentence(host)));
-                    None
-                }
-            }
+            let measured = match self.remote.ask(host, node, Ask::Carries { agents: *agents, swarm }) {
+                Ok(Answer::Carries(finding)) => Ok(finding),
+                Ok(other) => Err(unexpected(host, &other)),
+                Err(fault) => Err(fault),
+            };
+            let told =
+                measured.inspect_err(|fault| line.say(&format!("not measured: {}", fault.clone().sentence(host))));
+            told.ok().flatten().map(|finding| format!("{host}: {finding}"))
         });
         running.into_iter().flatten().collect()
     }
@@ -301,27 +282,20 @@ impl Up<'_> {
         running: &RunningAgents,
         rows: &mut BTreeMap<VehicleName, StartedNode>,
     ) {
-        let hosts = self.chosen.hosts();
-        let asked: Vec<_> =
-            hosts.iter().filter(|(_, nodes)| nodes.iter().any(|node| rows[&node.id].why.is_none())).collect();
-        let seen = &*rows;
-        let started = at_once(&asked, |(host, nodes)| {
-            let line = self.progress.line(host);
-            let mut all = Vec::new();
-            for node in nodes.iter().filter(|node| seen[&node.id].why.is_none()) {
-                let ran = running.get(&node.id).is_some_and(Option::is_some);
-                let done = self.remote.ask(host, node, Ask::Start { run, note });
-                let done = done.map(drop).map_err(|why| why.sentence(host));
-                line.say(&match &done {
-                    Ok(()) if ran => format!("node {} flies already", node.id),
-                    Ok(()) => format!("node {} started", node.id),
-                    Err(why) => why.clone(),
-                });
-                all.push((node.id, ran, done.map(|()| self.progress.seconds())));
-            }
-            all
+        let was_asked = |node: &&Node| rows[&node.id].why.is_none();
+        let asked = by_host(self.chosen.over_ssh().filter(was_asked));
+        let started = nodes::at_each(&asked, self.progress, None, |host, node, line| {
+            let ran = running.get(&node.id).is_some_and(Option::is_some);
+            let done = self.remote.ask(host, node, Ask::Start { run, note });
+            let done = done.map(|_| self.progress.seconds()).map_err(|why| why.sentence(host));
+            line.say(&match &done {
+                Ok(_) if ran => format!("node {} flies already", node.id),
+                Ok(_) => format!("node {} started", node.id),
+                Err(why) => why.clone(),
+            });
+            (ran, done)
         });
-        for (id, ran, done) in started.into_iter().flatten() {
+        for (id, (ran, done)) in started {
             rows.entry(id).and_modify(|row| {
                 row.ran = ran;
                 match done {
@@ -372,16 +346,14 @@ impl Up<'_> {
     /// Adds the last log line of each agent that was started but is not ready.
     fn last_lines(&self, rows: &mut BTreeMap<VehicleName, StartedNode>) {
         let silent = |node: &&Node| rows[&node.id].state == Readiness::Missing && rows[&node.id].started_s.is_some();
-        let hosts = super::ssh::by_host(self.chosen.nodes().filter(|node| node.install == Install::Ssh).filter(silent));
-        let last_lines = at_once(&hosts, |(host, nodes)| {
-            let mut all = Vec::new();
-            for node in nodes {
+        let last_lines = at_once(&by_host(self.chosen.over_ssh().filter(silent)), |(host, nodes)| {
+            let last = |node: &&Node| {
                 let mut last = None;
                 // If this fails, the rest of the reason is still shown.
                 let _ = self.remote.log(host, node, (1, false), |line| last = Some(line.to_owned()));
-                all.push((node.id, last));
-            }
-            all
+                (node.id, last)
+            };
+            nodes.iter().map(last).collect::<Vec<_>>()
         });
         for (id, last) in last_lines.into_iter().flatten() {
             let Some((row, last)) = rows.get_mut(&id).zip(last) else { continue };
@@ -435,7 +407,7 @@ mod tests {
     use super::*;
     use crate::inventory::tests::lab;
     #[cfg(unix)]
-    use crate::protocol::{Facts, Installed};
+    use crate::protocol::{Change, Facts, Installed};
     #[cfg(unix)]
     use crate::ssh::tests::local;
 
@@ -464,7 +436,7 @@ mod tests {
         let installed = Installed { release: "r1".to_owned(), bundle: "00".to_owned() };
         let agent = RunningAgent { pid: 7, installed, run: 5, restarts: 0, landing_s: 0.0 };
         let facts = Facts { agent: Some(agent.clone()), ..Facts::default() };
-        let answer = serde_json::to_string(&Answer::Done { changed: false, forced: false, facts }).unwrap();
+        let answer = serde_json::to_string(&Answer::Done(Change { changed: false, forced: false, facts })).unwrap();
         let program = folder.path().join("home/.skein/lab/releases/r1/skein");
         fs::create_dir_all(program.parent().unwrap()).unwrap();
         fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >asked\necho '{answer}'\n")).unwrap();

@@ -88,7 +88,7 @@ fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
     }
 }
 
-/// What to do about a connection that was not made from these PCs, by its cause.
+/// The remedy for a connection that was not made from these PCs, by its cause.
 fn remedy(node: &Node, host: &str, cause: Cause, from: &str) -> String {
     let Node { id, address, port, .. } = node;
     match cause {

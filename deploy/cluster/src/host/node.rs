@@ -45,7 +45,7 @@ pub(super) struct Settings {
     pub(super) log: Option<String>,
 }
 
-/// What was started last. An agent that is restarted after a failure runs with the same.
+/// The start that was made last. An agent that is restarted after a failure runs with the same.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Started {
     /// The program and configuration.

@@ -14,7 +14,7 @@ use skein_common::id::SwarmName;
 
 /// Template of a unit.
 const TEMPLATE: &str = include_str!("../../../service/skein-agent.service");
-/// What only the system's instance can add to it.
+/// The sandbox that only the system's instance can add to it.
 const SANDBOX: &str = include_str!("../../../service/sandbox.conf");
 /// This folder exists while systemd is the host's first process.
 const BOOTED: &str = "/run/systemd/system";

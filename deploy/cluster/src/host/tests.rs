@@ -34,12 +34,12 @@ fn apply() -> Ask {
 fn apply_with(service: ServiceKind) -> Ask {
     let file = BundleFile { is_secret: false, is_executable: false, content: b"id = 1".to_vec() };
     let bundle = Bundle { files: [("agent.toml".to_owned(), file)].into() };
-    Ask::Apply { bundle, service, log: Some("info".to_owned()) }
+    Ask::Apply(Setup { bundle, service, log: Some("info".to_owned()) })
 }
 
 fn done(answer: Result<Answer, String>) -> (bool, Facts) {
     match answer {
-        Ok(Answer::Done { changed, facts, .. }) => (changed, facts),
+        Ok(Answer::Done(Change { changed, facts, .. })) => (changed, facts),
         other => panic!("{other:?}"),
     }
 }
@@ -89,7 +89,7 @@ fn a_host_places_the_aircraft_of_its_x_plane_by_the_installed_scenario() {
     let file = |content: &str| BundleFile { is_secret: false, is_executable: false, content: content.into() };
     let files = [("agent.toml".to_owned(), file("id = 1")), ("scenario.toml".to_owned(), file(scenario))];
     let bundle = Bundle { files: files.into() };
-    done(ask(&place, Ask::Apply { bundle, service: ServiceKind::Own, log: None }));
+    done(ask(&place, Ask::Apply(Setup { bundle, service: ServiceKind::Own, log: None })));
     let Answer::Placed(lines) = ask(&place, request()).unwrap() else { panic!("another answer") };
     assert!(lines[0].starts_with("place ok: ") && lines[0].ends_with(" m from its start, by UDP"), "{lines:?}");
     assert!(lines[1].starts_with("wind ok: 4.0 m/s from 300°"), "{lines:?}");
@@ -111,8 +111,9 @@ fn a_node_of_another_authority_is_taken_over_only_on_purpose() {
         let keys = authority.map(|authority| ("keys/authority.pem".to_owned(), file(authority)));
         Bundle { files: keys.into_iter().chain([("agent.toml".to_owned(), file("id = 1"))]).collect() }
     };
-    let apply = |authority| Ask::Apply { bundle: bundle(authority), service: ServiceKind::Own, log: None };
-    let take_over = |authority| Ask::TakeOver { bundle: bundle(authority), service: ServiceKind::Own, log: None };
+    let apply = |authority| Ask::Apply(Setup { bundle: bundle(authority), service: ServiceKind::Own, log: None });
+    let take_over =
+        |authority| Ask::TakeOver(Setup { bundle: bundle(authority), service: ServiceKind::Own, log: None });
     // Keys can be added to a node that had none.
     done(ask(&place, apply(None)));
     let (_, facts) = done(ask(&place, apply(Some("first"))));

@@ -6,7 +6,7 @@ use crate::bundle::authority_of;
 use crate::inventory::{Inventory, SecurityKind};
 use crate::keys::folder::{AUTHORITY, Folder};
 use crate::nodes::{ChosenNodes, list};
-use crate::protocol::{Answer, Ask, Facts};
+use crate::protocol::Facts;
 use crate::remote::Remote;
 use crate::ssh::at_once;
 
@@ -26,15 +26,10 @@ pub(crate) fn another<'a>(facts: &'a Facts, own: Option<&str>) -> Option<&'a str
 pub(super) fn flown_by_another(remote: &Remote<'_>, chosen: &ChosenNodes) -> String {
     let own = of(&chosen.inventory);
     let asked = at_once(&chosen.hosts(), |(host, nodes)| {
-        let flies = |id: VehicleName, facts: &Facts| {
-            (facts.agent.is_some() && another(facts, own.as_deref()).is_some()).then_some(id)
-        };
-        let nodes = nodes.iter().filter_map(|node| match remote.ask(host, node, Ask::Facts) {
-            Ok(Answer::Facts(facts)) => flies(node.id, &facts),
-            // A host that cannot be asked is reported when its node is installed.
-            _ => None,
-        });
-        nodes.collect::<Vec<_>>()
+        let is_anothers = |facts: Facts| facts.agent.is_some() && another(&facts, own.as_deref()).is_some();
+        // A host that cannot be asked is reported when its node is installed.
+        let flying = nodes.iter().filter(|node| remote.facts(host, node).is_ok_and(is_anothers));
+        flying.map(|node| node.id).collect::<Vec<_>>()
     });
     let flying: Vec<VehicleName> = asked.into_iter().flatten().collect();
     match flying.is_empty() {

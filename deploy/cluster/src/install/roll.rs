@@ -65,13 +65,11 @@ pub(super) fn roll(
         // The scenario that it flies may be higher than the one that is installed now.
         let landing_s = inventory.landing_s().max(restart.landing_s);
         let incarnation = watch.incarnation(restart.node.id);
+        let ask = |ask| done(&restart.host, remote.change(&restart.host, restart.node, ask));
         let mut comes_back = |line: &ProgressLine<'_>| {
-            done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Stop { within_s: landing_s }))?;
+            ask(Ask::Stop { within_s: landing_s })?;
             line.say("landed, starting");
-            done(
-                &restart.host,
-                remote.ask(&restart.host, restart.node, Ask::Start { run: restart.run, note: restart.note }),
-            )?;
+            ask(Ask::Start { run: restart.run, note: restart.note })?;
             let until = clock::now() + within;
             let missing = watch.ready(&BTreeMap::from([(restart.node.id, incarnation)]), |_| until, |_| {});
             let why = || watch.lacks(restart.node.id, incarnation).unwrap_or_default();
@@ -81,9 +79,8 @@ pub(super) fn roll(
         if let Err(why) = comes_back(&line) {
             stopped_at = Some(restart.node.id);
             line.say(&format!("{why}; bringing back what it had"));
-            let back = done(&restart.host, remote.ask(&restart.host, restart.node, Ask::Rollback));
-            let back = back.and_then(|(_, facts)| {
-                row.runs = facts.current;
+            let back = ask(Ask::Rollback).and_then(|change| {
+                row.runs = change.facts.current;
                 comes_back(&line)
             });
             row.fail(match back {

@@ -8,7 +8,7 @@ use crate::inventory::Node;
 use crate::nodes;
 use crate::protocol::Installed;
 
-/// What was done on a node.
+/// The change that was made on a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Done {
@@ -49,7 +49,7 @@ pub(super) struct InstalledNode {
     pub(super) why: Option<String>,
     /// Additional information that is not a fault.
     pub(super) note: Option<String>,
-    /// What would run at the next start.
+    /// The program and configuration of the next start.
     #[serde(flatten)]
     pub(super) runs: Option<Installed>,
     /// Duration without the restart, s.

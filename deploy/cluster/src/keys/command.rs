@@ -88,7 +88,7 @@ pub struct KeyFileLine {
     pub address: Option<String>,
     /// End of its validity; keys of orders have none.
     pub expires: Option<OffsetDateTime>,
-    /// What was done, and why.
+    /// The change that was made, and why.
     pub done: Option<String>,
 }
 

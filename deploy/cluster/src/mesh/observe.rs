@@ -48,7 +48,7 @@ pub enum TraceSubscription {
 pub enum SwarmMessage {
     /// The trace of one control step.
     Trace(Trace),
-    /// What the vehicle believes, at most ten times a second.
+    /// The vehicle's own view of itself, at most ten times a second.
     Summary(Summary),
     /// The vehicle's health report.
     Health(Health),
@@ -111,7 +111,7 @@ impl VehicleView {
         self.summary_at = self.summary_at.map(|summary_at| summary_at.max(at));
     }
 
-    /// What the vehicle's newest trace or summary shows, and when that arrived; of the two the one that arrived last.
+    /// The state of the vehicle by its newest trace or summary, whichever arrived last, and the time of arrival.
     pub fn newest(&self) -> Option<(VehicleSample, Instant)> {
         let traced = self.trace.as_ref().zip(self.trace_at);
         let summarised = self.summary.as_ref().zip(self.summary_at);

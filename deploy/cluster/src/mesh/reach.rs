@@ -99,7 +99,7 @@ impl Reach {
         Self { branch, ..Self::plain(there.swarm.clone(), agents, flown) }
     }
 
-    /// What messages call it: `swarm lab`, or in a fleet `team 3 of fleet lab`.
+    /// Its name in messages: `swarm lab`, or in a fleet `team 3 of fleet lab`.
     pub fn title(&self) -> String {
         match self.branch.team() {
             Some(team) => format!("team {team} of fleet {}", self.swarm),

@@ -39,7 +39,7 @@ pub struct Arrived {
     pub bytes: Vec<u8>,
 }
 
-/// What one X-Plane sent.
+/// The answers of one X-Plane.
 #[derive(Clone, Debug, Default)]
 pub struct Survey {
     /// Newest value of each dataref that answered.

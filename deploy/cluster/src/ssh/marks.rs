@@ -22,11 +22,11 @@ pub struct Marks {
 /// Output of a call, divided by its marks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Divided<'a> {
-    /// What stood before the first mark.
+    /// The text before the first mark.
     pub(super) before: &'a str,
     /// The command's own output.
     pub(super) own: &'a str,
-    /// What stood after the last mark, with the exit status of the command; `None` without that mark.
+    /// The text after the last mark, with the exit status of the command; `None` without that mark.
     pub(super) end: Option<(&'a str, i32)>,
 }
 

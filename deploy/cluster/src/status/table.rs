@@ -18,7 +18,7 @@ const HEADER: [&str; 14] = [
 const RANKS: [u8; 14] = [0, 13, 12, 1, 4, 8, 5, 6, 7, 9, 10, 2, 3, 11];
 /// Space after a column.
 const PADDING: u16 = 2;
-/// What every column shows, its unit, and which values are bad.
+/// The meaning of every column, its unit, and which values are bad.
 const LEGEND: [&str; 6] = [
     "version: the release that runs   plant: what moves   phase: formation if in its place   uptime: since its agent started",
     "Hz: simulator frames per second   jitter: latest frame of the last second, ms; bad above a frame's period, 1000/Hz",
@@ -27,7 +27,7 @@ const LEGEND: [&str; 6] = [
     "links: with other agents, without keys observers too   o/i: messages published and received, a second, since its start",
     "fault: what has failed, named below   refused: messages not believed since the start, named below",
 ];
-/// What the rows of teams show.
+/// The meaning of the rows of teams.
 const OF_TEAMS: &str = "a row for each team, with its nodes in contact of all, and of each figure the worst of them; refused: of all of them";
 /// Columns with text; the others hold numbers.
 const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];

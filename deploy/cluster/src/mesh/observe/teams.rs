@@ -17,7 +17,7 @@ impl Observers {
     /// Connects to all of them at once.
     ///
     /// # Errors
-    /// As [`Observer::open`].
+    /// The errors of [`Observer::open`].
     pub fn open(reaches: &[Reach], steps: TraceSubscription) -> Result<Self, ObserveError> {
         let opened: Result<Vec<_>, _> = thread::scope(|scope| {
             let opening: Vec<_> = reaches.iter().map(|reach| scope.spawn(|| Observer::open(reach, steps))).collect();
