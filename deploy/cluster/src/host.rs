@@ -42,7 +42,7 @@ use super::protocol::{Answer, Ask, Change, Request, Setup};
 use crate::capacity::{self, Demand};
 use crate::findings::Line;
 use node::{NodeFolder, Settings};
-use place::SwarmFolder;
+use place::{INSTALLS, LOG, RUN, SwarmFolder};
 use skein_lab::error::Error;
 
 /// `skein node`
@@ -110,14 +110,14 @@ fn answer(place: &SwarmFolder, request: Request) -> Result<Answer, String> {
             let demand = Demand { agents, swarm, traces: false };
             return Ok(Answer::Carries(capacity::exceeded_by(demand).map_err(|error| error.to_string())?));
         }
-        Ask::Apply(_) | Ask::TakeOver(_) => node::make_folders(&[node.installs(), node.run(), node.log()])?,
+        Ask::Apply(_) | Ask::TakeOver(_) => node::make_folders(&[node.file(INSTALLS), node.file(RUN), node.file(LOG)])?,
         // The node was removed or never installed: only shared files may have to be removed.
         Ask::Remove { .. } if !node.path.exists() => {
             let changed = install::remove(place, &node)?;
             return Ok(Answer::Done(Change { changed, forced: false, facts: node.facts() }));
         }
         _ if !node.path.exists() => return Err(format!("nothing is installed for node {id}")),
-        _ => node::make_folders(&[node.run()])?,
+        _ => node::make_folders(&[node.file(RUN)])?,
     }
     let _lock = node.lock()?;
     let mut forced = false;
@@ -170,7 +170,7 @@ fn show_log(place: &SwarmFolder, node: &NodeFolder, lines: usize, follow: bool) 
                 watched.store(true, Relaxed);
             });
             // A failed write means that the reader has gone.
-            let _ = logs::show(&node.log(), lines, || is_closed.load(Relaxed), &mut io::stdout());
+            let _ = logs::show(&node.file(LOG), lines, || is_closed.load(Relaxed), &mut io::stdout());
             Ok(())
         }
     }

@@ -84,7 +84,7 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
             return Err(Error::Refused(flown));
         }
     }
-    let install = Install { args, remote, given: &given, progress: &progress };
+    let install = Installer { args, remote, given: &given, progress: &progress };
     let done = at_once(&chosen.hosts(), |(host, nodes)| install.on(host, nodes));
     let (mut rows, mut restarts) = (BTreeMap::new(), Vec::new());
     for (row, restart) in done.into_iter().flatten() {
@@ -109,19 +109,19 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
 }
 
 /// The program and the files to install on a node.
-struct Given {
+struct Payload {
     program: Arc<Program>,
     bundle: Bundle,
 }
 
-impl Given {
+impl Payload {
     fn installed(&self) -> Installed {
         Installed { release: self.program.release.clone(), bundle: self.bundle.id() }
     }
 }
 
 /// Reads and checks everything before the first host is called.
-fn prepare(chosen: &ChosenNodes) -> Result<BTreeMap<VehicleName, Given>, Error> {
+fn prepare(chosen: &ChosenNodes) -> Result<BTreeMap<VehicleName, Payload>, Error> {
     let mut programs = BTreeMap::<Option<PathBuf>, Arc<Program>>::new();
     let mut given = BTreeMap::new();
     for node in chosen.nodes() {
@@ -133,22 +133,22 @@ fn prepare(chosen: &ChosenNodes) -> Result<BTreeMap<VehicleName, Given>, Error> 
                 program
             }
         };
-        given.insert(node.id, Given { program, bundle: pack(&chosen.inventory, node.id)? });
+        given.insert(node.id, Payload { program, bundle: pack(&chosen.inventory, node.id)? });
     }
     Ok(given)
 }
 
-struct Install<'a> {
+struct Installer<'a> {
     args: &'a InstallArgs,
     remote: Remote<'a>,
-    given: &'a BTreeMap<VehicleName, Given>,
+    given: &'a BTreeMap<VehicleName, Payload>,
     progress: &'a Progress,
 }
 
 /// Result for a node, and the restart of its vehicle if one is needed.
 type Became<'a> = (InstalledNode, Option<Restart<'a>>);
 
-impl Install<'_> {
+impl Installer<'_> {
     /// Installs all nodes of a host, one after the other.
     fn on<'a>(&self, host: &Host, nodes: &[&'a Node]) -> Vec<Became<'a>> {
         let line = self.progress.line(host);
@@ -220,7 +220,7 @@ impl Install<'_> {
         &self,
         host: &Host,
         node: &Node,
-        given: &Given,
+        given: &Payload,
         row: &mut InstalledNode,
         line: &ProgressLine<'_>,
     ) -> Result<(), String> {
@@ -255,7 +255,7 @@ impl Install<'_> {
     }
 
     /// Determines what would be done on a node.
-    fn foresee(&self, host: &Host, node: &Node, given: &Given, row: &mut InstalledNode) -> Result<Facts, String> {
+    fn foresee(&self, host: &Host, node: &Node, given: &Payload, row: &mut InstalledNode) -> Result<Facts, String> {
         let facts = match self.remote.facts(host, node) {
             Ok(facts) => facts,
             Err(Fault::NotInstalled) => Facts::default(),

@@ -10,7 +10,7 @@ use skein_common::id::VehicleName;
 use skein_common::scenario::Simulator;
 
 use super::clock;
-use super::ports::{Agent, Calls};
+use super::ports::{AgentState, Calls};
 use super::{LOGIN, Line};
 use crate::clocks::CLOCK_S;
 use crate::install::{ROOM, owner};
@@ -50,7 +50,7 @@ pub(super) struct Asked {
     pub(super) lines: Vec<Line>,
     /// Results of its calls to every node's port.
     pub(super) calls: Option<Calls>,
-    pub(super) agents: BTreeMap<VehicleName, Agent>,
+    pub(super) agents: BTreeMap<VehicleName, AgentState>,
 }
 
 impl HostChecks<'_> {
@@ -64,7 +64,7 @@ impl HostChecks<'_> {
         if let Err(sentence) = &login {
             let sentence = sentence.strip_prefix(&format!("{host}: ")).unwrap_or(sentence);
             asked.lines.push(Line::of_sentence(place, "ssh", sentence, &format!("`ssh {host} true` shows more")));
-            asked.agents.extend(nodes.iter().map(|node| (node.id, Agent::Unknown)));
+            asked.agents.extend(nodes.iter().map(|node| (node.id, AgentState::Unknown)));
             return asked;
         }
         asked.lines.push(Line::new(place.as_str(), "ssh", "login works"));
@@ -135,13 +135,13 @@ impl HostChecks<'_> {
         let facts = match self.remote().facts(host, node) {
             Ok(facts) => facts,
             Err(Fault::NotInstalled) => {
-                asked.agents.insert(node.id, Agent::DoesNot);
+                asked.agents.insert(node.id, AgentState::DoesNot);
                 return asked.lines.push(line("version", "nothing is installed".to_owned()).fault(install));
             }
             Err(Fault::Failed(why)) => return asked.lines.push(line("version", why).fault(install)),
         };
         asked.lines.extend(super::address::line(node, &facts.addresses, self.file));
-        let agent = if facts.agent.is_some() { Agent::Runs } else { Agent::DoesNot };
+        let agent = if facts.agent.is_some() { AgentState::Runs } else { AgentState::DoesNot };
         asked.agents.insert(node.id, agent);
         match pack(self.inventory, node.id) {
             Err(error) => asked.lines.push(Line::of_sentence(
@@ -152,7 +152,7 @@ impl HostChecks<'_> {
             )),
             Ok(bundle) if owner::another(&facts, bundle.authority().as_deref()).is_some() => {
                 let owner = facts.authority.clone().unwrap_or_default();
-                let flies = if agent == Agent::Runs { ", and it flies" } else { "" };
+                let flies = if agent == AgentState::Runs { ", and it flies" } else { "" };
                 let found = format!("it belongs to another authority, {owner}, than the keys of this PC{flies}");
                 asked.lines.push(Line::of(node, "authority", found).fault(
                     "use the keys of that authority, or give this swarm another name or `folder`; once its operator has landed \

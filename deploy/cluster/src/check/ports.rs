@@ -18,7 +18,7 @@ pub(super) struct Calls {
 
 /// State of an agent, as its host reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Agent {
+pub(super) enum AgentState {
     Runs,
     DoesNot,
     /// Its host could not be asked.
@@ -41,11 +41,11 @@ pub(super) fn call_all(inventory: &Inventory) -> Calls {
 }
 
 /// Makes one line for each node's port, from all calls.
-pub(super) fn lines(inventory: &Inventory, calls: &[Calls], agents: &BTreeMap<VehicleName, Agent>) -> Vec<Line> {
+pub(super) fn lines(inventory: &Inventory, calls: &[Calls], agents: &BTreeMap<VehicleName, AgentState>) -> Vec<Line> {
     inventory.nodes.values().map(|node| line(node, calls, agents.get(&node.id).copied())).collect()
 }
 
-fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
+fn line(node: &Node, calls: &[Calls], agent: Option<AgentState>) -> Line {
     let at = address(node);
     let by = |filter: fn(&Reached) -> bool| -> Vec<&str> {
         let by = calls.iter().filter(|calls| calls.reached.get(&node.id).is_some_and(filter));
@@ -75,13 +75,16 @@ fn line(node: &Node, calls: &[Calls], agent: Option<Agent>) -> Line {
         return line(format!("{at} {found}")).fault(remedies.join("; "));
     }
     match (agent, taken.is_empty(), refused.is_empty()) {
-        (Some(Agent::DoesNot), false, _) => line(format!("{at} is used by another program than this node's agent"))
-            .fault(format!("find and end that program: `ssh {host} ss -ltnp sport = :{}`", node.port)),
-        (Some(Agent::Runs), _, false) => line(format!("{at} refuses {}, although its agent runs", refused.join(", ")))
-            .fault(format!(
+        (Some(AgentState::DoesNot), false, _) => {
+            line(format!("{at} is used by another program than this node's agent"))
+                .fault(format!("find and end that program: `ssh {host} ss -ltnp sport = :{}`", node.port))
+        }
+        (Some(AgentState::Runs), _, false) => {
+            line(format!("{at} refuses {}, although its agent runs", refused.join(", "))).fault(format!(
                 "check that {} is an address of {host} and that no firewall rejects port {}",
                 node.address, node.port
-            )),
+            ))
+        }
         (_, false, _) => line(format!("{at} accepts connections")),
         (_, true, false) => line(format!("{at} can be reached; no agent listens yet")),
         (_, true, true) => line(format!("{at}: could not be called")).unknown(),
@@ -120,7 +123,7 @@ mod tests {
     use crate::inventory::tests::lab;
 
     /// The line of node 1 after calls from this PC and heli2.
-    fn line_of(pc: Reached, other: Reached, agent: Agent) -> Line {
+    fn line_of(pc: Reached, other: Reached, agent: AgentState) -> Line {
         let folder = tempfile::tempdir().unwrap();
         let inventory = lab(folder.path(), 1, "");
         let id = "1".parse().unwrap();
@@ -132,15 +135,15 @@ mod tests {
     #[test]
     fn a_closed_used_or_refused_port_has_its_remedy() {
         let late = || Reached::No(Cause::Silence, "no answer within 1 s".to_owned());
-        let closed = line_of(late(), late(), Agent::DoesNot);
+        let closed = line_of(late(), late(), AgentState::DoesNot);
         assert_eq!(closed.state, State::Fault);
         assert_eq!(closed.found, "10.0.0.11:7447 is closed for this PC, heli2: no answer within 1 s");
         assert!(closed.remedy.unwrap().contains("ufw allow 7447/tcp"));
-        let partly = line_of(Reached::Taken, late(), Agent::Runs);
+        let partly = line_of(Reached::Taken, late(), AgentState::Runs);
         assert_eq!((partly.state, partly.found.contains("for heli2 (not for all)")), (State::Fault, true));
-        let taken = line_of(Reached::Taken, Reached::Taken, Agent::DoesNot);
+        let taken = line_of(Reached::Taken, Reached::Taken, AgentState::DoesNot);
         assert!(taken.state == State::Fault && taken.remedy.unwrap().contains("ss -ltnp sport = :7447"));
-        let refused = line_of(Reached::Refused, Reached::Taken, Agent::Runs);
+        let refused = line_of(Reached::Refused, Reached::Taken, AgentState::Runs);
         assert!(refused.state == State::Fault && refused.found.contains("refuses this PC"));
         for (cause, wanted) in [
             (Cause::Name, "/etc/hosts of this PC, heli2"),
@@ -150,16 +153,16 @@ mod tests {
             (Cause::Other, "check `address` of node 1"),
         ] {
             let failed = || Reached::No(cause, "why".to_owned());
-            let line = line_of(failed(), failed(), Agent::DoesNot);
+            let line = line_of(failed(), failed(), AgentState::DoesNot);
             assert_eq!(line.found, "10.0.0.11:7447 cannot be reached from this PC, heli2: why");
             let remedy = line.remedy.unwrap();
             assert!(remedy.contains(wanted) && !remedy.contains("ufw"), "{cause:?}: {remedy}");
         }
-        let two = line_of(late(), Reached::No(Cause::Route, "no route".to_owned()), Agent::DoesNot);
+        let two = line_of(late(), Reached::No(Cause::Route, "no route".to_owned()), AgentState::DoesNot);
         assert!(two.found.contains("closed for this PC: no answer within 1 s; cannot be reached from heli2: no route"));
-        for (reached, agent) in [(Reached::Taken, Agent::Runs), (Reached::Refused, Agent::DoesNot)] {
+        for (reached, agent) in [(Reached::Taken, AgentState::Runs), (Reached::Refused, AgentState::DoesNot)] {
             assert_eq!(line_of(reached.clone(), reached, agent).state, State::Good);
         }
-        assert_eq!(line_of(Reached::Taken, Reached::Taken, Agent::Unknown).state, State::Good);
+        assert_eq!(line_of(Reached::Taken, Reached::Taken, AgentState::Unknown).state, State::Good);
     }
 }

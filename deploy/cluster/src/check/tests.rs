@@ -3,7 +3,7 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
-use super::ports::Agent;
+use super::ports::AgentState;
 use super::*;
 use crate::findings::State;
 use crate::inventory::tests::lab;
@@ -46,7 +46,7 @@ fn a_host_without_skein_lacks_only_the_installation() {
     let version = line(&asked, "version");
     assert_eq!((version.state, version.found.as_str()), (State::Fault, "nothing is installed"));
     assert_eq!(version.remedy.as_deref(), Some("`skein cluster install -f lab.toml`"));
-    assert_eq!(asked.agents.values().copied().collect::<Vec<_>>(), [Agent::DoesNot]);
+    assert_eq!(asked.agents.values().copied().collect::<Vec<_>>(), [AgentState::DoesNot]);
     assert!(asked.calls.is_none());
 }
 
@@ -61,7 +61,7 @@ fn a_host_that_refuses_the_login_is_not_asked_further() {
         let [line] = asked.lines.as_slice() else { panic!("{:?}", asked.lines) };
         assert_eq!((line.place.as_str(), line.what, line.state), ("heli1", "ssh", State::Fault));
         assert!(line.found.starts_with(found) && line.remedy.as_ref().unwrap().contains(remedy), "{line:?}");
-        assert_eq!(asked.agents.values().copied().collect::<Vec<_>>(), [Agent::Unknown]);
+        assert_eq!(asked.agents.values().copied().collect::<Vec<_>>(), [AgentState::Unknown]);
     }
 }
 

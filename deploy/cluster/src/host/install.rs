@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::files::{self, at};
 use super::node;
 use super::node::{NodeFolder, Settings, install_name, linked};
-use super::place::{PROGRAM, SwarmFolder};
+use super::place::{ACTIVE, CURRENT, INSTALLS, PREVIOUS, PROGRAM, SwarmFolder};
 use crate::bundle::{Bundle, BundleFile};
 use crate::os;
 use crate::protocol::Installed;
@@ -31,12 +31,12 @@ pub(super) fn apply(
         node.set_settings(settings)?;
         changed = true;
     }
-    let current = linked(&node.current());
+    let current = linked(&node.file(CURRENT));
     if current.as_ref() != Some(&installed) {
         if let Some(current) = current {
-            files::link(&node.previous(), &link_to(&current))?;
+            files::link(&node.file(PREVIOUS), &link_to(&current))?;
         }
-        files::link(&node.current(), &link_to(&installed))?;
+        files::link(&node.file(CURRENT), &link_to(&installed))?;
         changed = true;
     }
     prune(place, node)?;
@@ -45,12 +45,12 @@ pub(super) fn apply(
 
 /// Switches back to what was installed before, for the next start.
 pub(super) fn rollback(node: &NodeFolder) -> Result<(), String> {
-    let (current, previous) = (linked(&node.current()), linked(&node.previous()));
+    let (current, previous) = (linked(&node.file(CURRENT)), linked(&node.file(PREVIOUS)));
     let Some((current, previous)) = current.zip(previous).filter(|(current, previous)| current != previous) else {
         return Err(format!("node {} has no earlier version to go back to", node.id));
     };
-    files::link(&node.current(), &link_to(&previous))?;
-    files::link(&node.previous(), &link_to(&current))
+    files::link(&node.file(CURRENT), &link_to(&previous))?;
+    files::link(&node.file(PREVIOUS), &link_to(&current))
 }
 
 /// Removes the node's folder, what no other node of this host needs, and folders that are empty then. Returns whether
@@ -59,7 +59,7 @@ pub(super) fn remove(place: &SwarmFolder, node: &NodeFolder) -> Result<bool, Str
     let _shared = place.lock()?;
     let was_there = node.path.exists();
     // First remove the links that mark the node as installed.
-    for path in [node.current(), node.previous(), node.path.clone()] {
+    for path in [node.file(CURRENT), node.file(PREVIOUS), node.path.clone()] {
         files::remove(&path).map_err(at(&path))?;
     }
     let is_last = !files::entries(&place.folder).iter().any(|path| is_node(path));
@@ -144,9 +144,9 @@ fn is_whole(path: &Path, bundle: &Bundle) -> bool {
 
 /// Removes installs and releases that are not needed, and drafts.
 fn prune(place: &SwarmFolder, node: &NodeFolder) -> Result<(), String> {
-    let running = node.agent().and_then(|_| linked(&node.active()));
-    let needed = [linked(&node.current()), linked(&node.previous()), running];
-    for path in files::entries(&node.installs()) {
+    let running = node.agent().and_then(|_| linked(&node.file(ACTIVE)));
+    let needed = [linked(&node.file(CURRENT)), linked(&node.file(PREVIOUS)), running];
+    for path in files::entries(&node.file(INSTALLS)) {
         let installed = node::installed(&path);
         if installed.is_none() || !needed.contains(&installed) {
             files::remove(&path).map_err(at(&path))?;

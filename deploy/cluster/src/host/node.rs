@@ -15,6 +15,7 @@ use skein_common::scenario::{Scenario, Source, load_any};
 use skein_host::clock;
 
 use super::files::{self, Lock, at};
+use super::place::{ACTIVE, AGENT, CURRENT, INSTALLS, PREVIOUS, RUN, SETTINGS, STARTED, SUPERVISOR};
 use super::probe;
 use super::process::Process;
 use crate::bundle::{AUTHORITY_FILE, SCENARIO, authority_of};
@@ -97,93 +98,50 @@ pub(super) struct AgentProcess {
 }
 
 impl NodeFolder {
-    pub(super) fn installs(&self) -> PathBuf {
-        self.path.join("installs")
+    /// Path of one of the node's files: a constant of [`place`](super::place).
+    pub(super) fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
     }
 
+    /// Folder of an install.
     pub(super) fn install(&self, installed: &Installed) -> PathBuf {
-        self.installs().join(install_name(installed))
-    }
-
-    pub(super) fn current(&self) -> PathBuf {
-        self.path.join("current")
-    }
-
-    pub(super) fn previous(&self) -> PathBuf {
-        self.path.join("previous")
-    }
-
-    pub(super) fn run(&self) -> PathBuf {
-        self.path.join("run")
-    }
-
-    pub(super) fn active(&self) -> PathBuf {
-        self.run().join("active")
-    }
-
-    pub(super) fn log(&self) -> PathBuf {
-        self.path.join("log")
-    }
-
-    fn settings_path(&self) -> PathBuf {
-        self.path.join("settings.json")
-    }
-
-    fn started_path(&self) -> PathBuf {
-        self.run().join("started.json")
-    }
-
-    pub(super) fn agent_path(&self) -> PathBuf {
-        self.run().join("agent.json")
-    }
-
-    pub(super) fn ended_path(&self) -> PathBuf {
-        self.run().join("ended")
-    }
-
-    /// The socket on which the agent reports to its supervisor that its control thread runs.
-    pub(super) fn notify_path(&self) -> PathBuf {
-        self.run().join("notify")
-    }
-
-    pub(super) fn supervisor_path(&self) -> PathBuf {
-        self.run().join("supervisor")
+        self.file(INSTALLS).join(install_name(installed))
     }
 
     /// Takes the lock for changes of this node.
     pub(super) fn lock(&self) -> Result<Lock, String> {
         let busy = || format!("another request is changing node {}; try again", self.id);
-        Lock::take(&self.run().join("lock"), LOCK_TIMEOUT)?.ok_or_else(busy)
+        Lock::take(&self.file(RUN).join("lock"), LOCK_TIMEOUT)?.ok_or_else(busy)
     }
 
     pub(super) fn settings(&self) -> Option<Settings> {
-        read(&self.settings_path())
+        read(&self.file(SETTINGS))
     }
 
     pub(super) fn set_settings(&self, settings: &Settings) -> Result<(), String> {
-        write(&self.settings_path(), settings)
+        write(&self.file(SETTINGS), settings)
     }
 
     pub(super) fn started(&self) -> Option<Started> {
-        read(&self.started_path())
+        read(&self.file(STARTED))
     }
 
     pub(super) fn set_started(&self, started: &Started) -> Result<(), String> {
-        write(&self.started_path(), started)
+        write(&self.file(STARTED), started)
     }
 
     /// The agent that was started last, running or not.
     pub(super) fn last_agent(&self) -> Option<AgentProcess> {
-        read(&self.agent_path())
+        read(&self.file(AGENT))
     }
 
     pub(super) fn set_agent(&self, agent: &AgentProcess) -> Result<(), String> {
-        write(&self.agent_path(), agent)
+        write(&self.file(AGENT), agent)
     }
 
     /// Writes the agent into the file of the one before. This needs no room on the disk, and a reader may see a mixture.
     pub(super) fn overwrite_agent(&self, agent: &AgentProcess) -> Result<(), String> {
-        let (path, text) = (self.agent_path(), skein_lab::terminal::json(agent));
+        let (path, text) = (self.file(AGENT), skein_lab::terminal::json(agent));
         let overwrite = || {
             let mut file = File::options().write(true).open(&path)?;
             file.write_all(text.as_bytes())?;
@@ -199,7 +157,7 @@ impl NodeFolder {
 
     /// The supervisor's process, if one is running.
     pub(super) fn supervisor(&self) -> Option<Process> {
-        let (path, until) = (self.supervisor_path(), clock::now() + SUPERVISOR_START);
+        let (path, until) = (self.file(SUPERVISOR), clock::now() + SUPERVISOR_START);
         while Lock::is_held(&path) && clock::now() < until {
             // Until a new supervisor has written its process, the file contains the previous one's.
             if let Some(process) = read(&path).filter(Process::is_running) {
@@ -212,8 +170,8 @@ impl NodeFolder {
 
     /// The authority of the running agent, else of what would run at the next start.
     fn authority(&self) -> Option<String> {
-        let running = self.agent().and_then(|_| linked(&self.active()));
-        let installed = running.or_else(|| linked(&self.current()))?;
+        let running = self.agent().and_then(|_| linked(&self.file(ACTIVE)));
+        let installed = running.or_else(|| linked(&self.file(CURRENT)))?;
         fs::read(self.install(&installed).join(AUTHORITY_FILE)).ok().map(|certificate| authority_of(&certificate))
     }
 
@@ -249,8 +207,8 @@ impl NodeFolder {
             restarts: agent.restarts,
         });
         Facts {
-            current: linked(&self.current()),
-            previous: linked(&self.previous()),
+            current: linked(&self.file(CURRENT)),
+            previous: linked(&self.file(PREVIOUS)),
             service: self.settings().map(|settings| settings.service),
             agent,
             note,
@@ -268,7 +226,8 @@ impl NodeFolder {
 
     /// The scenario that the next start flies: that of the vehicle's swarm or team.
     pub(super) fn scenario(&self) -> Result<Scenario, String> {
-        let installed = linked(&self.current()).ok_or_else(|| format!("nothing is installed for node {}", self.id))?;
+        let installed =
+            linked(&self.file(CURRENT)).ok_or_else(|| format!("nothing is installed for node {}", self.id))?;
         self.scenario_of(&installed).ok_or_else(|| format!("the scenario of node {} cannot be read", self.id))
     }
 

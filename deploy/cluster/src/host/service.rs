@@ -13,7 +13,7 @@ use skein_agent::run::{INCARNATION_FILE, RELEASE};
 use super::files::{self, at};
 use super::logs;
 use super::node::{AgentProcess, Moment, NodeFolder, Settings, Started, install_name, linked};
-use super::place::{PROGRAM, SwarmFolder};
+use super::place::{ACTIVE, AGENT, CURRENT, ENDED, LOG, PROGRAM, RUN, SwarmFolder};
 use super::privileges;
 use super::process::Process;
 use super::supervision::note_agent;
@@ -24,7 +24,7 @@ use crate::protocol::Service;
 use skein_host::clock;
 
 /// Environment variable with the path of the file that an agent writes when it has ended successfully.
-const ENDED: &str = "SKEIN_ENDED";
+const MARK: &str = "SKEIN_ENDED";
 /// Environment variable with the folder that systemd has created for a service.
 const RUNTIME_DIRECTORY: &str = "RUNTIME_DIRECTORY";
 /// Interval at which a process is checked.
@@ -86,7 +86,7 @@ pub(super) fn remove_service(place: &SwarmFolder, node: &NodeFolder) -> Result<(
 /// Starts the current install in this run of the swarm, and waits until the agent's process exists. A running agent is
 /// not affected. Returns whether anything was started.
 pub(super) fn start(place: &SwarmFolder, node: &NodeFolder, run: u64, note: Option<RunNote>) -> Result<bool, String> {
-    let (Some(installed), Some(settings)) = (linked(&node.current()), node.settings()) else {
+    let (Some(installed), Some(settings)) = (linked(&node.file(CURRENT)), node.settings()) else {
         return Err(format!("nothing is installed for node {}", node.id));
     };
     let systemd = place.systemd(settings.service);
@@ -101,10 +101,10 @@ pub(super) fn start(place: &SwarmFolder, node: &NodeFolder, run: u64, note: Opti
     }
     let to = Path::new("../installs").join(install_name(&installed));
     // The mark would keep the agent on the ground.
-    for path in [node.agent_path(), node.ended_path()] {
+    for path in [node.file(AGENT), node.file(ENDED)] {
         files::remove(&path).map_err(at(&path))?;
     }
-    files::link(&node.active(), &to)?;
+    files::link(&node.file(ACTIVE), &to)?;
     node.set_started(&Started { installed, run, note, at: Moment::now() })?;
     match systemd {
         Some(systemd) => systemd.start(&place.swarm, node)?,
@@ -160,7 +160,7 @@ fn is_busy(node: &NodeFolder) -> bool {
 
 /// Starts a supervisor that outlives this process and its session.
 fn supervise(node: &NodeFolder) -> Result<(), String> {
-    let program = node.active().join(PROGRAM);
+    let program = node.file(ACTIVE).join(PROGRAM);
     let mut command = Command::new(&program);
     command.args(["node", "--supervise"]).arg(node.id.to_string()).current_dir("/");
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
@@ -180,14 +180,14 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     let (Some(started), Some(settings)) = (node.started(), node.settings()) else {
         return Err(format!("node {} was not started by a request", node.id));
     };
-    if node.ended_path().exists() {
+    if node.file(ENDED).exists() {
         // Its host has started again.
         eprintln!("vehicle {} has landed and its agent has ended: `skein cluster up` starts it again", node.id);
         return Ok(());
     }
     let restarts = node.last_agent().map(|last| last.restarts + 1);
     // Remove the sockets that an earlier agent has left.
-    for path in files::entries(&node.run()).into_iter().filter(|path| is_socket_folder(path)) {
+    for path in files::entries(&node.file(RUN)).into_iter().filter(|path| is_socket_folder(path)) {
         files::remove(&path).map_err(at(&path))?;
     }
     let agent = AgentProcess { process: Process::own(), restarts: restarts.unwrap_or(0) };
@@ -197,13 +197,13 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     let program = std::env::current_exe().map_err(|error| error.to_string())?;
     let mut command = Command::new(&program);
     command.args(["agent", "--config"]).arg(node.install(&started.installed).join("agent.toml"));
-    command.arg("--run").arg(started.run.to_string()).arg("--inputs").arg(node.run());
+    command.arg("--run").arg(started.run.to_string()).arg("--inputs").arg(node.file(RUN));
     if restarts.is_some() {
         // The scenario's events continue from this time.
         command.arg("--flown-s").arg(format!("{:.3}", started.flown_s(&Moment::now())));
     }
-    command.env(RELEASE, &started.installed.release).env(INCARNATION_FILE, node.run().join("life"));
-    command.env(ENDED, node.ended_path());
+    command.env(RELEASE, &started.installed.release).env(INCARNATION_FILE, node.file(RUN).join("life"));
+    command.env(MARK, node.file(ENDED));
     // The folder of its sockets, and a backtrace after a panic.
     let given = std::env::var_os(RUNTIME_DIRECTORY);
     command.env(RUNTIME_DIRECTORY, sockets(node, settings.service, given)).env("RUST_BACKTRACE", "1");
@@ -223,7 +223,7 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
 /// it over cannot read its exit status.
 pub(super) fn fly(options: &AgentOptions) -> ExitCode {
     let status = skein_agent::run::program(options);
-    if let Some(mark) = std::env::var_os(ENDED).filter(|_| status == ExitCode::SUCCESS) {
+    if let Some(mark) = std::env::var_os(MARK).filter(|_| status == ExitCode::SUCCESS) {
         // If this fails, the agent is restarted.
         let _ = fs::write(mark, "");
     }
@@ -233,7 +233,7 @@ pub(super) fn fly(options: &AgentOptions) -> ExitCode {
 /// Returns the folder for the agent's sockets: the folder of its service, if it has one.
 pub(super) fn sockets(node: &NodeFolder, service: Service, given: Option<OsString>) -> PathBuf {
     let given = given.filter(|_| service != Service::Own);
-    given.map_or_else(|| node.run(), PathBuf::from)
+    given.map_or_else(|| node.file(RUN), PathBuf::from)
 }
 
 /// Whether this is a folder of sockets, as an agent's links name it.
@@ -243,7 +243,8 @@ fn is_socket_folder(path: &Path) -> bool {
 
 /// Returns the last line that the agent wrote, as the end of a sentence.
 fn last_line(node: &NodeFolder) -> String {
-    let mut tail = logs::tail(&node.log(), 10).into_iter().map(|line| String::from_utf8_lossy(&line).trim().to_owned());
+    let mut tail =
+        logs::tail(&node.file(LOG), 10).into_iter().map(|line| String::from_utf8_lossy(&line).trim().to_owned());
     let last = tail.rfind(|line| !line.is_empty() && !logs::is_ours(line));
     last.map(|line| format!(": {line}")).unwrap_or_default()
 }

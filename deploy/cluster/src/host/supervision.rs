@@ -59,7 +59,7 @@ pub struct AgentEnd {
 /// Supervises one agent until it has ended successfully, or the supervisor is asked to end: then the agent is asked to end.
 #[derive(Debug)]
 pub struct Supervision {
-    stage: Stage,
+    state: SupervisedState,
     /// The last pause before a restart.
     pause: Duration,
     /// Number of requests to end that were passed on to the agent.
@@ -67,7 +67,7 @@ pub struct Supervision {
 }
 
 #[derive(Debug)]
-enum Stage {
+enum SupervisedState {
     Starts,
     Runs {
         since: Instant,
@@ -82,34 +82,34 @@ enum Stage {
 impl Supervision {
     /// Supervises an agent that has to be started.
     pub fn new() -> Self {
-        Self { stage: Stage::Starts, pause: Duration::ZERO, passed_on: 0 }
+        Self { state: SupervisedState::Starts, pause: Duration::ZERO, passed_on: 0 }
     }
 
     /// Supervises an agent that runs already.
     pub fn taking_over(agent: &mut impl Supervised, now: Instant) -> Self {
         agent.note("takes over the running agent");
         let dog = listen(agent, now);
-        Self { stage: Stage::Runs { since: now, dog }, ..Self::new() }
+        Self { state: SupervisedState::Runs { since: now, dog }, ..Self::new() }
     }
 
     /// Acts on what has happened to the agent; call it every [`POLL_PERIOD`]. Returns whether the supervisor's work is over.
     pub fn poll(&mut self, agent: &mut impl Supervised, now: Instant) -> bool {
-        let (begun, ended) = match &mut self.stage {
-            Stage::Pauses { until } if agent.requests() == 0 && now < *until => return false,
-            Stage::Pauses { .. } if agent.requests() == 0 => {
-                self.stage = Stage::Starts;
+        let (begun, ended) = match &mut self.state {
+            SupervisedState::Pauses { until } if agent.requests() == 0 && now < *until => return false,
+            SupervisedState::Pauses { .. } if agent.requests() == 0 => {
+                self.state = SupervisedState::Starts;
                 return self.poll(agent, now);
             }
-            Stage::Pauses { .. } => {
+            SupervisedState::Pauses { .. } => {
                 agent.note("ending");
                 return true;
             }
-            Stage::Starts => {
+            SupervisedState::Starts => {
                 // Before the agent starts, because its reports need the socket.
                 let dog = listen(agent, now);
                 match agent.start() {
                     Ok(()) => {
-                        self.stage = Stage::Runs { since: now, dog };
+                        self.state = SupervisedState::Runs { since: now, dog };
                         return false;
                     }
                     Err(error) => {
@@ -118,7 +118,7 @@ impl Supervision {
                     }
                 }
             }
-            Stage::Runs { since, dog } => {
+            SupervisedState::Runs { since, dog } => {
                 for _ in self.passed_on..agent.requests() {
                     agent.ask_to_end();
                 }
@@ -141,7 +141,7 @@ impl Supervision {
         }
         self.pause = next_pause(self.pause, now.duration_since(begun));
         agent.note(&format!("restarting the agent in {} s", self.pause.as_secs_f64()));
-        self.stage = Stage::Pauses { until: now + self.pause };
+        self.state = SupervisedState::Pauses { until: now + self.pause };
         false
     }
 }

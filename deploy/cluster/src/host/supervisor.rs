@@ -13,7 +13,7 @@ use std::time::Duration;
 use super::files::{Lock, at};
 use super::logs::{self, Log};
 use super::node::NodeFolder;
-use super::place::PROGRAM;
+use super::place::{ACTIVE, ENDED, LOG, NOTIFY, PROGRAM, SUPERVISOR};
 use super::process::Process;
 use super::supervision::{AgentEnd, POLL_PERIOD, Supervised, Supervision};
 use crate::os::{self, Interrupts, Notifications};
@@ -29,12 +29,12 @@ const LAST_LINES: Duration = Duration::from_secs(1);
 pub(super) fn supervise(node: &NodeFolder) -> Result<(), String> {
     os::leave_session();
     let interrupts = Interrupts::listen().map_err(|error| error.to_string())?;
-    let path = node.supervisor_path();
+    let path = node.file(SUPERVISOR);
     let another = || format!("node {} already has a supervisor", node.id);
     let mut lock = Lock::take(&path, LOCK_WITHIN)?.ok_or_else(another)?;
     lock.set_text(&skein_lab::terminal::json(&Process::own())).map_err(at(&path))?;
     let agent = node.agent().map(|agent| Agent::Found(agent.process));
-    let log = Arc::new(Mutex::new(Log::new(&node.log())));
+    let log = Arc::new(Mutex::new(Log::new(&node.file(LOG))));
     let mut supervised = NodeAgent { node, interrupts, agent, reports: None, log };
     let mut supervision = match &supervised.agent {
         Some(_) => Supervision::taking_over(&mut supervised, clock::now()),
@@ -98,7 +98,7 @@ impl Agent {
 
 impl Supervised for NodeAgent<'_> {
     fn listen(&mut self) -> Result<(), String> {
-        let path = self.node.notify_path();
+        let path = self.node.file(NOTIFY);
         self.reports = None;
         self.reports = Some(Notifications::listen(&path).map_err(at(&path))?);
         Ok(())
@@ -112,7 +112,7 @@ impl Supervised for NodeAgent<'_> {
     }
 
     fn ended(&mut self) -> Option<AgentEnd> {
-        let status = self.agent.as_mut()?.ended(&self.node.ended_path())?;
+        let status = self.agent.as_mut()?.ended(&self.node.file(ENDED))?;
         let how = status.map_or("has disappeared".to_owned(), os::how_it_ended).replace("killed", "was killed");
         Some(AgentEnd { is_success: status.is_some_and(|status| status.success()), how })
     }
@@ -141,10 +141,10 @@ impl Supervised for NodeAgent<'_> {
 impl NodeAgent<'_> {
     fn spawn(&self) -> io::Result<Agent> {
         let (output, input) = io::pipe()?;
-        let mut command = Command::new(self.node.active().join(PROGRAM));
+        let mut command = Command::new(self.node.file(ACTIVE).join(PROGRAM));
         command.args(["node", "--fly"]).arg(self.node.id.to_string()).stdin(Stdio::null());
         // What systemd does for its services.
-        command.env("NOTIFY_SOCKET", self.node.notify_path());
+        command.env("NOTIFY_SOCKET", self.node.file(NOTIFY));
         let child = command.stdout(input.try_clone()?).stderr(input).spawn()?;
         // The command holds the other end of the pipe.
         drop(command);

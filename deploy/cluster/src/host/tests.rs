@@ -3,6 +3,7 @@ use std::path::Path;
 
 use skein_common::id::SwarmName;
 
+use super::place::AGENT;
 use super::systemd::Systemd;
 use super::*;
 use crate::bundle::{Bundle, BundleFile};
@@ -131,7 +132,7 @@ fn a_node_of_another_authority_is_taken_over_only_on_purpose() {
     node.set_agent(&node::AgentProcess { process: process::Process::own(), restarts: 0 }).unwrap();
     let refused = ask(&place, take_over(Some("second"))).unwrap_err();
     assert!(refused.starts_with("node 1 flies under another authority, "), "{refused}");
-    fs::remove_file(node.agent_path()).unwrap();
+    fs::remove_file(node.file(AGENT)).unwrap();
     let (changed, facts) = done(ask(&place, take_over(Some("second"))));
     assert!(changed && facts.authority == bundle(Some("second")).authority());
 }
@@ -163,10 +164,10 @@ fn sockets_are_in_the_services_folder_if_there_is_one() {
     assert_eq!(service::sockets(&node, Service::SystemdSystem, given()), Path::new("/run/skein-lab-1"));
     assert_eq!(
         service::sockets(&node, Service::SystemdSystem, None),
-        node.run(),
+        node.file(RUN),
         "an older systemd has no such folder"
     );
-    assert_eq!(service::sockets(&node, Service::Own, given()), node.run(), "the folder of another service");
+    assert_eq!(service::sockets(&node, Service::Own, given()), node.file(RUN), "the folder of another service");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::io;
 use std::path::Path;
 
 use super::row::{Done, InstalledNode};
-use super::{Given, InstallArgs};
+use super::{InstallArgs, Payload};
 use crate::bundle::BundleFile;
 use crate::inventory::Node;
 use crate::nodes::ChosenNodes;
@@ -13,7 +13,7 @@ use crate::os;
 use skein_host::atomic_file::{self, Durability};
 
 /// Writes the folder of a node, with everything that it needs.
-pub(super) fn write(args: &InstallArgs, chosen: &ChosenNodes, node: &Node, given: Option<&Given>) -> InstalledNode {
+pub(super) fn write(args: &InstallArgs, chosen: &ChosenNodes, node: &Node, given: Option<&Payload>) -> InstalledNode {
     let mut row = InstalledNode::new(node);
     let Some(given) = given else {
         row.note = Some("installed by hand: bring back by hand what it had".to_owned());
@@ -31,7 +31,7 @@ pub(super) fn write(args: &InstallArgs, chosen: &ChosenNodes, node: &Node, given
     row
 }
 
-fn write_all(folder: &Path, chosen: &ChosenNodes, node: &Node, given: &Given, dry_run: bool) -> io::Result<bool> {
+fn write_all(folder: &Path, chosen: &ChosenNodes, node: &Node, given: &Payload, dry_run: bool) -> io::Result<bool> {
     let is_windows = given.program.bytes.starts_with(b"MZ");
     let name = if is_windows { "skein.exe" } else { "skein" };
     let file = |content: &[u8], is_executable| BundleFile { is_secret: false, is_executable, content: content.into() };

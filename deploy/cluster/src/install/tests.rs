@@ -6,7 +6,7 @@ use super::super::bundle::BundleFile;
 use super::super::protocol::RunningAgent;
 use super::super::ssh::tests::{heli, node};
 use super::*;
-use crate::inventory::Install as How;
+use crate::inventory::Install;
 use crate::inventory::tests::lab;
 
 fn installed(release: &str) -> Installed {
@@ -46,7 +46,7 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
     let folder = tempfile::tempdir().unwrap();
     let mut inventory = lab(folder.path(), 2, "");
     let id = "2".parse().unwrap();
-    inventory.nodes.get_mut(&id).unwrap().install = How::Manual;
+    inventory.nodes.get_mut(&id).unwrap().install = Install::Manual;
     let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
     let node = chosen.manual().next().unwrap();
     assert_eq!((node.id, chosen.hosts().len()), (id, 1));
@@ -54,7 +54,7 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
     let files = [("agent.toml", file("id = 2", false)), ("keys/observer.key", file("secret", true))];
     let files = files.map(|(path, file)| (path.to_owned(), file));
     let program = Arc::new(Program::read(None).unwrap());
-    let mut given = Given { program, bundle: Bundle { files: files.into() } };
+    let mut given = Payload { program, bundle: Bundle { files: files.into() } };
     let nodes = NodesArgs {
         file: crate::FileArgs { file: Some(chosen.inventory.path.clone()) },
         nodes: Vec::new(),
@@ -64,7 +64,7 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
     let out = folder.path().join("manual");
     let mut args =
         InstallArgs { nodes, dry_run: true, rollback: false, take_over: false, timeout_s: 1.0, out: out.clone() };
-    let write = |args: &InstallArgs, given: &Given| {
+    let write = |args: &InstallArgs, given: &Payload| {
         let row = manual::write(args, &chosen, node, Some(given));
         assert_eq!(row.why, None);
         row.done

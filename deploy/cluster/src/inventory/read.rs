@@ -77,19 +77,19 @@ impl Inventory {
             args.read_any(vec![format!("swarm.name={}", toml::Value::from(swarm.as_str()))])
         };
         read(&path, &Source { name: &name, text: &text }, of_scenario).map_err(|fault| match fault {
-            Fault::Here(fault) => Error::Scenario { fault, text },
-            Fault::Scenario(error) => error,
+            FileFault::Here(fault) => Error::Scenario { fault, text },
+            FileFault::Scenario(error) => error,
         })
     }
 }
 
 /// A fault, in the cluster file or in the scenario.
-enum Fault {
+enum FileFault {
     Here(Box<ScenarioError>),
     Scenario(Error),
 }
 
-impl From<ScenarioError> for Fault {
+impl From<ScenarioError> for FileFault {
     fn from(fault: ScenarioError) -> Self {
         Self::Here(Box::new(fault))
     }
@@ -99,7 +99,7 @@ fn read(
     path: &Path,
     source: &Source<'_>,
     of_scenario: impl FnOnce(&Path, &SwarmName) -> Result<Described, Error>,
-) -> Result<Inventory, Fault> {
+) -> Result<Inventory, FileFault> {
     if toml::from_str::<toml::Table>(source.text).is_ok_and(|table| table.is_empty()) {
         let help = "it has `swarm`, `scenario` and a table `[node.N]` with `host` and `address` for each vehicle";
         let empty = Written::read(source, FileKind::Cluster, &[])?;
@@ -114,7 +114,7 @@ fn read(
         let message = format!("`scenario`: {}: {error}", scenario_path.display());
         written.fault("scenario", message, Some("the path is relative to this file's folder".to_owned()))
     })?;
-    let scenario = of_scenario(&scenario_path, &swarm).map_err(Fault::Scenario)?;
+    let scenario = of_scenario(&scenario_path, &swarm).map_err(FileFault::Scenario)?;
     let teams = scenario.all();
     fleet::check_size(teams).map_err(|why| written.fault("scenario", format!("`scenario`: {why}"), None))?;
     check_vehicles(&written, &text("scenario"), &scenario)?;

@@ -2,6 +2,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::host::files::tests::fail_after;
+use crate::host::place::RUN;
 use crate::host::systemd::Systemd;
 use crate::protocol::Service;
 use skein_common::id::{SwarmName, VehicleId};
@@ -37,7 +38,7 @@ impl Host {
 
     fn node(&self, id: u8) -> NodeFolder {
         let node = self.place("r1").node(VehicleId::new(id).unwrap().into());
-        node::make_folders(&[node.installs(), node.run()]).unwrap();
+        node::make_folders(&[node.file(INSTALLS), node.file(RUN)]).unwrap();
         node
     }
 
@@ -82,18 +83,18 @@ fn installing_again_changes_nothing() {
     assert_eq!(host.apply(1, "r1", &bundle("a")), Ok(true));
     assert_eq!(host.apply(1, "r1", &bundle("a")), Ok(false));
     let node = host.node(1);
-    assert_eq!((linked(&node.current()), linked(&node.previous())), (is("r1", "a"), None));
-    assert_eq!(fs::read_to_string(node.current().join("agent.toml")).unwrap(), "a");
-    assert_eq!(fs::read_to_string(node.current().join(PROGRAM)).unwrap(), "r1", "the program by its link");
+    assert_eq!((linked(&node.file(CURRENT)), linked(&node.file(PREVIOUS))), (is("r1", "a"), None));
+    assert_eq!(fs::read_to_string(node.file(CURRENT).join("agent.toml")).unwrap(), "a");
+    assert_eq!(fs::read_to_string(node.file(CURRENT).join(PROGRAM)).unwrap(), "r1", "the program by its link");
     for (file, mode) in [("agent.toml", 0o644), ("node.key", 0o600), ("laws/mine/law.py", 0o755), ("laws/mine", 0o700)]
     {
-        assert_eq!(os::mode(&node.current().join(file)).unwrap(), mode, "{file}");
+        assert_eq!(os::mode(&node.file(CURRENT).join(file)).unwrap(), mode, "{file}");
     }
     assert_eq!(os::mode(&node.path).unwrap(), 0o700);
     // A change of the log filter is a change, and keeps the earlier version.
     let logs = Settings { log: Some("debug".to_owned()), ..SETTINGS };
     assert_eq!(apply(&host.place("r1"), &node, &bundle("a"), &logs), Ok(true));
-    assert_eq!((linked(&node.current()), linked(&node.previous())), (is("r1", "a"), None));
+    assert_eq!((linked(&node.file(CURRENT)), linked(&node.file(PREVIOUS))), (is("r1", "a"), None));
 }
 
 #[test]
@@ -105,12 +106,12 @@ fn an_upgrade_can_be_rolled_back_and_older_versions_are_removed() {
     assert!(rollback(&node).is_err());
     host.apply(1, "r1", &bundle("b")).unwrap();
     host.apply(1, "r2", &bundle("c")).unwrap();
-    assert_eq!((linked(&node.current()), linked(&node.previous())), (is("r2", "c"), is("r1", "b")));
-    assert_eq!(names(&node.installs()).len(), 2);
+    assert_eq!((linked(&node.file(CURRENT)), linked(&node.file(PREVIOUS))), (is("r2", "c"), is("r1", "b")));
+    assert_eq!(names(&node.file(INSTALLS)).len(), 2);
     rollback(&node).unwrap();
-    assert_eq!((linked(&node.current()), linked(&node.previous())), (is("r1", "b"), is("r2", "c")));
+    assert_eq!((linked(&node.file(CURRENT)), linked(&node.file(PREVIOUS))), (is("r1", "b"), is("r2", "c")));
     rollback(&node).unwrap();
-    assert_eq!(linked(&node.current()), is("r2", "c"));
+    assert_eq!(linked(&node.file(CURRENT)), is("r2", "c"));
     host.apply(1, "r2", &bundle("d")).unwrap();
     assert_eq!(host.releases(), ["r2"], "no node needs the other release");
 }
@@ -139,7 +140,7 @@ fn a_path_that_is_not_plain_is_refused_before_anything_is_written() {
         bad.files.insert(path.to_owned(), file);
         let error = host.apply(1, "r1", &bad).unwrap_err();
         assert!(error.contains("cannot be a file of a node"), "{path:?}: {error}");
-        assert_eq!(names(&node.installs()), [""; 0]);
+        assert_eq!(names(&node.file(INSTALLS)), [""; 0]);
     }
     let error = apply(&host.place("r9"), &node, &bundle("a"), &SETTINGS).unwrap_err();
     assert!(error.contains("this program does not exist"), "{error}");
@@ -157,11 +158,11 @@ fn a_damaged_install_is_repaired() {
         |install| fs::remove_file(install.join(PROGRAM)).unwrap(),
     ];
     for damage in damages {
-        damage(&node.current());
+        damage(&node.file(CURRENT));
         assert_eq!(host.apply(1, "r1", &bundle("a")), Ok(true));
         assert_eq!(host.apply(1, "r1", &bundle("a")), Ok(false));
-        assert!(is_whole(&node.current(), &bundle("a")));
-        assert_eq!(names(&node.installs()).len(), 1);
+        assert!(is_whole(&node.file(CURRENT), &bundle("a")));
+        assert_eq!(names(&node.file(INSTALLS)).len(), 1);
     }
 }
 
@@ -177,15 +178,19 @@ fn an_installation_can_be_interrupted_at_any_moment() {
         fail_after(changes);
         let upgraded = host.apply(1, "r2", &bundle("b"));
         fail_after(u32::MAX);
-        let current = linked(&node.current()).unwrap();
+        let current = linked(&node.file(CURRENT)).unwrap();
         match current.release.as_str() {
-            "r1" => assert!(is_whole(&node.current(), &bundle("a")) && upgraded.is_err()),
-            _ => assert!(is_whole(&node.current(), &bundle("b"))),
+            "r1" => assert!(is_whole(&node.file(CURRENT), &bundle("a")) && upgraded.is_err()),
+            _ => assert!(is_whole(&node.file(CURRENT), &bundle("b"))),
         }
         host.apply(1, "r2", &bundle("b")).unwrap();
-        assert_eq!((linked(&node.current()), linked(&node.previous())), (is("r2", "b"), is("r1", "a")), "{changes}");
-        assert!(is_whole(&node.current(), &bundle("b")) && is_whole(&node.previous(), &bundle("a")));
-        assert_eq!(names(&node.installs()).len(), 2, "no draft is left after {changes}");
+        assert_eq!(
+            (linked(&node.file(CURRENT)), linked(&node.file(PREVIOUS))),
+            (is("r2", "b"), is("r1", "a")),
+            "{changes}"
+        );
+        assert!(is_whole(&node.file(CURRENT), &bundle("b")) && is_whole(&node.file(PREVIOUS), &bundle("a")));
+        assert_eq!(names(&node.file(INSTALLS)).len(), 2, "no draft is left after {changes}");
         assert_eq!(names(&node.path), ["current", "installs", "previous", "run", "settings.json"], "{changes}");
 
         fail_after(changes);

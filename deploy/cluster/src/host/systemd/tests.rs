@@ -3,7 +3,7 @@ use std::process::Output;
 use tempfile::TempDir;
 
 use super::*;
-use crate::host::place::SwarmFolder;
+use crate::host::place::{ACTIVE, RUN, SwarmFolder};
 use crate::protocol::Installed;
 use skein_common::id::SwarmName;
 
@@ -127,11 +127,11 @@ fn installed(host: &Host) -> PathBuf {
     let (place, node) = (host.place(), host.node());
     host.systemd.install_service(&place.swarm, &node).unwrap();
     let install = node.install(&Installed { release: "r1".to_owned(), bundle: "00".to_owned() });
-    for folder in [&install, &node.run()] {
+    for folder in [&install, &node.file(RUN)] {
         fs::create_dir_all(folder).unwrap();
     }
     os::symlink(Path::new("/bin/true"), &install.join("skein")).unwrap();
-    os::symlink(&Path::new("../installs").join(install.file_name().unwrap()), &node.active()).unwrap();
+    os::symlink(&Path::new("../installs").join(install.file_name().unwrap()), &node.file(ACTIVE)).unwrap();
     host.systemd.units.join(unit(&place.swarm, &node))
 }
 
