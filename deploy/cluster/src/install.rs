@@ -5,7 +5,7 @@
 
 mod manual;
 pub(super) mod owner;
-mod roll;
+pub(super) mod roll;
 mod row;
 
 use std::collections::BTreeMap;

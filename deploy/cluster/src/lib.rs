@@ -122,3 +122,6 @@ pub fn run(args: &ClusterArgs) -> Result<(), Error> {
         ClusterCommand::Uninstall(args) => uninstall::run(args),
     }
 }
+
+#[cfg(test)]
+mod tests;

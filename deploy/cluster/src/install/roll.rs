@@ -52,13 +52,8 @@ pub(super) fn roll(
 ) -> Result<(), Error> {
     let mut watch = Watch::open(&inventory.reaches(Role::Observer)?, 0)?;
     let within = Duration::from_secs_f64(timeout_s);
-    let mut stopped_at = None;
-    for restart in restarts {
-        let Some(row) = rows.get_mut(&restart.node.id) else { continue };
-        if let Some(id) = stopped_at {
-            row.why = Some(format!("flies on with what it had: the roll stopped at node {id}"));
-            continue;
-        }
+    let stopped = until_one_fails(restarts, |restart| {
+        let Some(row) = rows.get_mut(&restart.node.id) else { return true };
         let line = progress.line(&format!("node {}", restart.node.id));
         let begun = clock::now();
         watch.run = restart.run;
@@ -76,8 +71,8 @@ pub(super) fn roll(
             if missing.is_empty() { Ok(()) } else { Err(format!("not ready within {timeout_s} s: {}", why())) }
         };
         line.say("landing, to be restarted");
-        if let Err(why) = comes_back(&line) {
-            stopped_at = Some(restart.node.id);
+        let came_back = comes_back(&line);
+        if let Err(why) = &came_back {
             line.say(&format!("{why}; bringing back what it had"));
             let back = ask(Ask::Rollback).and_then(|change| {
                 row.runs = change.facts.current;
@@ -92,6 +87,19 @@ pub(super) fn roll(
         }
         row.restart_s = Some((clock::now() - begun).as_secs_f64());
         line.say(row.why.as_deref().unwrap_or("ready again"));
+        came_back.is_ok()
+    });
+    let Some((at, rest)) = stopped else { return Ok(()) };
+    for left in rest {
+        let why = format!("flies on with what it had: the roll stopped at node {}", at.node.id);
+        rows.entry(left.node.id).and_modify(|row| row.why = Some(why));
     }
     Ok(())
+}
+
+/// Restarts one after the other, in this order, until one does not come back. Returns that one and those behind it, which are left
+/// alone.
+pub(crate) fn until_one_fails<T>(all: &[T], mut comes_back: impl FnMut(&T) -> bool) -> Option<(&T, &[T])> {
+    let failed = all.iter().position(|one| !comes_back(one))?;
+    Some((&all[failed], &all[failed + 1..]))
 }
