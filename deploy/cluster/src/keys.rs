@@ -9,8 +9,9 @@ use skein_common::id::VehicleName;
 use time::OffsetDateTime;
 
 use crate::inventory::{Inventory, SecurityKind};
-use certificate::CertificateSpec;
-use folder::{AUTHORITY, Folder, NAMES, Names, certificate_file};
+use certificate::{CertificateSpec, Pair, Unfit};
+use folder::{AUTHORITY, Folder, NAMES, Names, certificate_file, key_file};
+use skein_host::clock;
 use skein_lab::error::Error;
 
 /// The roles of the nodes that connect to a swarm. Each role has a certificate.
@@ -40,6 +41,23 @@ pub(crate) fn certificate_spec<'a>(inventory: &'a Inventory, names: &'a Names, r
         Role::Observer | Role::NodeObserver(_) | Role::Operator => None,
     };
     CertificateSpec { role, name: name_of(names, role), address }
+}
+
+/// Reads the certificate of this role with its key, checked that peers accept it, and the valid names.
+///
+/// # Errors
+/// If one of them is missing, or peers reject the certificate: a text with the remedy.
+pub(crate) fn accepted_pair(inventory: &Inventory, folder: &Folder, role: Role) -> Result<(Pair, Names), Error> {
+    let file = certificate_file(role);
+    let (pair, names) = (folder.need_pair(&file, &key_file(role))?, folder.need_names()?);
+    let spec = certificate_spec(inventory, &names, role);
+    match certificate::unfit(&pair, &spec, &folder.need(AUTHORITY)?, clock::utc()).filter(Unfit::is_fatal) {
+        None => Ok((pair, names)),
+        Some(why) => {
+            let remedy = format!("`skein cluster keys -f {}` issues it again", inventory.path.display());
+            Err(Error::Refused(format!("{} {why}: {remedy}", folder.path(&file).display())))
+        }
+    }
 }
 
 /// The valid common name of this role; empty if it has none yet.
@@ -74,7 +92,7 @@ pub(crate) fn check_for_flight(inventory: &Inventory, now: OffsetDateTime) -> Re
     let file = inventory.path.display();
     let remedy = format!("`skein cluster keys -f {file}`, then `skein cluster install -f {file}`");
     if let Some(found) = folder.names()?.and_then(|names| shared_observer(inventory, &names)) {
-        return Err(Error::Refused(format!("{}: {found}: {remedy}", folder.path(NAMES).display())));
+        return Err(folder.bad(NAMES, format_args!("{found}: {remedy}")));
     }
     let files = roles(inventory).map(certificate_file).chain([AUTHORITY.to_owned()]);
     let mut expiring = Vec::new();

@@ -14,13 +14,8 @@ use toml::Value as Toml;
 
 use crate::bundle::{Bundle, BundleFile, SCENARIO};
 use crate::inventory::{Install, Inventory, Node, SecurityKind};
-use crate::keys::Role;
-use crate::keys::certificate::{Unfit, unfit};
-use crate::keys::certificate_spec;
-use crate::keys::folder::{
-    AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, certificate_file, key_file, stem, vehicles_toml,
-};
-use skein_host::clock;
+use crate::keys::folder::{AUTHORITY, Folder, NAMES, Names, ORDERS_PUBLIC, stem, vehicles_toml};
+use crate::keys::{Role, accepted_pair};
 use skein_lab::error::Error;
 use skein_lab::scenario::aircraft_of;
 
@@ -180,14 +175,7 @@ impl Bundle {
         for (role, place) in
             [(Role::Vehicle(node.id), "node".to_owned()), (observer, format!("keys/{}", stem(observer)))]
         {
-            let pair = keys.need_pair(&certificate_file(role), &key_file(role))?;
-            if let Some(why) = unfit(&pair, &certificate_spec(inventory, &names, role), &authority, clock::utc())
-                .filter(Unfit::is_fatal)
-            {
-                let path = keys.path(&certificate_file(role));
-                let remedy = format!("`skein cluster keys -f {}` issues it again", inventory.path.display());
-                return Err(Error::Refused(format!("{} {why}: {remedy}", path.display())));
-            }
+            let (pair, _) = accepted_pair(inventory, &keys, role)?;
             self.add(&format!("{place}.pem"), pair.certificate);
             self.add_secret(&format!("{place}.key"), pair.key);
         }

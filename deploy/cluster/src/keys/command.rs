@@ -7,6 +7,7 @@
 use std::path::Path;
 use std::str::FromStr;
 
+use serde::Serialize;
 use serde_json::json;
 use skein_agent::link::signature::{SigningKey, VerificationKey};
 use time::OffsetDateTime;
@@ -78,7 +79,7 @@ impl FromStr for Whose {
 }
 
 /// Result for one certificate or key.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct KeyFileLine {
     /// Its owner.
     pub who: String,
@@ -86,8 +87,8 @@ pub struct KeyFileLine {
     pub name: String,
     /// The address that it is valid for.
     pub address: Option<String>,
-    /// End of its validity; keys of orders have none.
-    pub expires: Option<OffsetDateTime>,
+    /// The last day of its validity; keys of orders have none.
+    pub expires: Option<String>,
     /// The change that was made, and why.
     pub done: Option<String>,
 }
@@ -211,7 +212,7 @@ impl Maker<'_> {
         }
         let key = folder::new_key().map_err(failed)?;
         self.folder.write(file, &key)?;
-        SigningKey::from_pem(&key).map(|signing_key| signing_key.key()).map_err(|why| self.bad(file, &why))
+        SigningKey::from_pem(&key).map(|signing_key| signing_key.key()).map_err(|why| self.folder.bad(file, why))
     }
 
     fn authority(&self) -> Result<(Authority, KeyFileLine), Error> {
@@ -231,19 +232,19 @@ impl Maker<'_> {
             }
             (None, Some(key)) => {
                 let (authority, pair) =
-                    Authority::renewed(swarm, &key, self.now).map_err(|e| self.bad(AUTHORITY_KEY, &e))?;
+                    Authority::renewed(swarm, &key, self.now).map_err(|e| self.folder.bad(AUTHORITY_KEY, e))?;
                 (authority, Some(pair), Some("issued again: the file was missing".to_owned()))
             }
             (Some(certificate), Some(key)) => {
                 let pair = certificate::Pair { certificate, key };
                 match Authority::unfit(&pair, self.now) {
-                    None => (Authority::read(&pair).map_err(|e| self.bad(AUTHORITY, &e))?, None, None),
+                    None => (Authority::read(&pair).map_err(|e| self.folder.bad(AUTHORITY, e))?, None, None),
                     Some(why @ (Unfit::Expiring | Unfit::ExpiringToday | Unfit::Expired)) => {
                         let renewed = Authority::renewed(swarm, &pair.key, self.now);
-                        let (authority, pair) = renewed.map_err(|e| self.bad(AUTHORITY_KEY, &e))?;
+                        let (authority, pair) = renewed.map_err(|e| self.folder.bad(AUTHORITY_KEY, e))?;
                         (authority, Some(pair), Some(format!("issued again: {why}")))
                     }
-                    Some(unfit) => return Err(self.bad(AUTHORITY, &unfit)),
+                    Some(unfit) => return Err(self.folder.bad(AUTHORITY, unfit)),
                 }
             }
         };
@@ -255,7 +256,7 @@ impl Maker<'_> {
             who: "authority".to_owned(),
             name: Authority::name(swarm),
             address: None,
-            expires: expires(authority.certificate()),
+            expires: expires(authority.certificate()).map(day),
             done,
         };
         Ok((authority, line))
@@ -268,7 +269,7 @@ impl Maker<'_> {
             && let Err(why) = SigningKey::from_pem(there)
         {
             // Report an invalid file instead of replacing the key, because the swarm would be affected.
-            return Err(self.bad(ORDERS_KEY, &why));
+            return Err(self.folder.bad(ORDERS_KEY, why));
         }
         let public = self.key(ORDERS_KEY, revoked)?.to_string();
         let done = match before {
@@ -316,17 +317,13 @@ impl Maker<'_> {
             who: who(certificate_spec.role),
             name: certificate_spec.name.to_owned(),
             address: certificate_spec.address.map(str::to_owned),
-            expires: expires(&certificate),
+            expires: expires(&certificate).map(day),
             done,
         })
     }
 
     fn write_if_new(&self, name: &str, text: &str) -> Result<(), Error> {
         if self.folder.read(name)?.as_deref() == Some(text) { Ok(()) } else { self.folder.write(name, text) }
-    }
-
-    fn bad(&self, name: &str, why: &dyn std::fmt::Display) -> Error {
-        Error::Refused(format!("{}: {why}", self.folder.path(name).display()))
     }
 }
 
@@ -353,25 +350,16 @@ fn as_table(lines: &[KeyFileLine]) -> String {
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
     let row = |line: &KeyFileLine| {
         let KeyFileLine { who, name, address, expires, done } = line.clone();
-        vec![who, name, or_dash(address), or_dash(expires.map(day)), or_dash(done)]
+        vec![who, name, or_dash(address), or_dash(expires), or_dash(done)]
     };
     findings::table(&["who", "name", "address", "expires", "done"], lines.iter().map(row))
 }
 
 fn as_json(inventory: &Inventory, lines: &[KeyFileLine]) -> serde_json::Value {
-    let line = |line: &KeyFileLine| {
-        json!({
-            "who": line.who,
-            "name": line.name,
-            "address": line.address,
-            "expires": line.expires.map(day),
-            "done": line.done,
-        })
-    };
     json!({
         "keys": inventory.keys,
         "changed": lines.iter().any(|line| line.done.is_some()),
-        "certificates": lines.iter().map(line).collect::<Vec<_>>(),
+        "certificates": lines,
     })
 }
 

@@ -1,6 +1,7 @@
 //! The folder of keys: the names of its files, and the check that only its owner can read the secrets.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -9,7 +10,7 @@ use crate::keys::Role;
 use rcgen::{KeyPair, PKCS_ED25519};
 use serde::{Deserialize, Serialize};
 use skein_agent::link::security::{PeerIdentity, by_vehicle};
-use skein_agent::link::signature::{NotAKey, VerificationKey};
+use skein_agent::link::signature::{NotAKey, SigningKey, VerificationKey};
 use skein_common::id::VehicleName;
 use skein_host::atomic_file::{self, Durability};
 
@@ -110,7 +111,7 @@ impl Folder {
         match fs::read_to_string(self.path(name)) {
             Ok(text) => Ok(Some(text)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(Error::Refused(format!("{}: {error}", self.path(name).display()))),
+            Err(error) => Err(self.bad(name, error)),
         }
     }
 
@@ -159,8 +160,7 @@ impl Folder {
     /// If the file is not a valid `names.toml`.
     pub(crate) fn names(&self) -> Result<Option<Names>, Error> {
         let Some(text) = self.read(NAMES)? else { return Ok(None) };
-        let bad = |why: String| Error::Refused(format!("{}: {why}", self.path(NAMES).display()));
-        toml::from_str(&text).map(Some).map_err(|error| bad(error.message().to_owned()))
+        toml::from_str(&text).map(Some).map_err(|error: toml::de::Error| self.bad(NAMES, error.message()))
     }
 
     /// Collects the names from the certificates, for when `names.toml` is lost: a revoked name must not become valid
@@ -189,8 +189,23 @@ impl Folder {
     /// # Errors
     /// If the file does not exist or has no key.
     pub(crate) fn orders_key(&self) -> Result<VerificationKey, Error> {
-        let bad = |error: NotAKey| Error::Refused(format!("{}: {error}", self.path(ORDERS_PUBLIC).display()));
-        self.need(ORDERS_PUBLIC)?.trim().parse().map_err(bad)
+        self.need(ORDERS_PUBLIC)?.trim().parse().map_err(|error: NotAKey| self.bad(ORDERS_PUBLIC, error))
+    }
+
+    /// Reads the private key that signs orders; `public` is its public key.
+    ///
+    /// # Errors
+    /// If others can read the file, or it does not exist or has another key.
+    pub(crate) fn signing_key(&self, public: VerificationKey) -> Result<SigningKey, Error> {
+        self.check_private_file(ORDERS_KEY)?;
+        let key = SigningKey::from_pem(&self.need(ORDERS_KEY)?).map_err(|error| self.bad(ORDERS_KEY, error))?;
+        let other = || self.bad(ORDERS_KEY, format_args!("not the private key of {ORDERS_PUBLIC}"));
+        if key.key() == public { Ok(key) } else { Err(other()) }
+    }
+
+    /// The error about one of the files.
+    pub(crate) fn bad(&self, name: &str, why: impl Display) -> Error {
+        Error::Refused(format!("{}: {why}", self.path(name).display()))
     }
 
     /// Reads the valid names, which must exist.

@@ -1,22 +1,18 @@
 //! How to connect to a swarm with the keys of a folder: the cluster's own folder, or the part of it that a node has.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 
 use skein_agent::link::Security;
 use skein_agent::link::security::Tls;
-use skein_agent::link::signature::{SigningKey, VerificationKey};
 use skein_common::scenario::Loaded;
 use skein_common::topic::Branch;
 
 use super::{Flown, Reach};
 use crate::inventory::Inventory;
-use crate::keys::certificate::{Unfit, unfit};
-use crate::keys::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
+use crate::keys::folder::{AUTHORITY, Folder, certificate_file, key_file};
 use crate::keys::run::RunFile;
-use crate::keys::{Role, certificate_spec};
-use skein_host::clock;
+use crate::keys::{Role, accepted_pair};
 use skein_lab::error::Error;
 
 impl Inventory {
@@ -56,15 +52,7 @@ impl Inventory {
         let role = if role == Role::Observer { self.observer_in(&folder) } else { role };
         let (certificate, key) = (certificate_file(role), key_file(role));
         folder.check_private_file(&key)?;
-        let pair = folder.need_pair(&certificate, &key)?;
-        let mut names = folder.need_names()?;
-        if let Some(why) = unfit(&pair, &certificate_spec(self, &names, role), &folder.need(AUTHORITY)?, clock::utc())
-            .filter(Unfit::is_fatal)
-        {
-            let path = folder.path(&certificate);
-            let remedy = format!("`skein cluster keys -f {}` issues it again", self.path.display());
-            return Err(Error::Refused(format!("{} {why}: {remedy}", path.display())));
-        }
+        let (_, mut names) = accepted_pair(self, &folder, role)?;
         // A vehicle that has left the cluster is not accepted.
         names.retain(|id| self.nodes.contains_key(&id));
         let tls = Tls {
@@ -76,7 +64,7 @@ impl Inventory {
             operator: names.operator,
         };
         let orders_key = folder.orders_key()?;
-        let signing_key = (role == Role::Operator).then(|| signing_key(&folder, orders_key)).transpose()?;
+        let signing_key = (role == Role::Operator).then(|| folder.signing_key(orders_key)).transpose()?;
         Ok(Reach {
             security: Security::Tls(tls),
             orders_key: Some(orders_key),
@@ -86,20 +74,4 @@ impl Inventory {
             ..plain
         })
     }
-}
-
-/// Reads the private key that signs orders; `known_by` is its public key.
-fn signing_key(folder: &Folder, known_by: VerificationKey) -> Result<SigningKey, Error> {
-    folder.check_private_file(ORDERS_KEY)?;
-    let path = folder.path(ORDERS_KEY);
-    let signing_key =
-        SigningKey::from_pem(&folder.need(ORDERS_KEY)?).map_err(|error| bad(&path, &error.to_string()))?;
-    if signing_key.key() != known_by {
-        return Err(bad(&path, &format!("not the private key of {ORDERS_PUBLIC}")));
-    }
-    Ok(signing_key)
-}
-
-fn bad(path: &Path, why: &str) -> Error {
-    Error::Refused(format!("{}: {why}", path.display()))
 }
