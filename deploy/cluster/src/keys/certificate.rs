@@ -51,23 +51,31 @@ pub(crate) struct Authority {
 }
 
 /// Why a certificate is invalid or has to be replaced soon.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum Unfit {
     /// The certificate or its key cannot be read.
+    #[error("unreadable")]
     Unreadable,
     /// It is signed by another authority.
+    #[error("signed by another authority")]
     OtherAuthority,
     /// It does not belong to its key.
+    #[error("does not belong to its key")]
     OtherKey,
     /// It has another common name, or its name was revoked.
+    #[error("has another name")]
     OtherName,
     /// Its node has another address now.
+    #[error("has another address")]
     OtherAddress,
     /// It has expired.
+    #[error("has expired")]
     Expired,
     /// It expires within a day, and is valid until then.
+    #[error("expires within 24 h")]
     ExpiringToday,
     /// It expires soon, and is valid until then.
+    #[error("expires soon")]
     Expiring,
 }
 
@@ -80,21 +88,6 @@ impl Unfit {
     /// Whether no flight may begin with the certificate.
     pub(crate) fn forbids_flight(&self) -> bool {
         *self != Self::Expiring
-    }
-}
-
-impl std::fmt::Display for Unfit {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Unreadable => "unreadable",
-            Self::OtherAuthority => "signed by another authority",
-            Self::OtherKey => "does not belong to its key",
-            Self::OtherName => "has another name",
-            Self::OtherAddress => "has another address",
-            Self::Expired => "has expired",
-            Self::ExpiringToday => "expires within 24 h",
-            Self::Expiring => "expires soon",
-        })
     }
 }
 

@@ -8,52 +8,38 @@ use super::{CONNECT_S, Host, MAX_SENTENCE};
 
 /// Returns the sentence for ssh's standard error. `keys` returns the key files that ssh tries for this host.
 pub(super) fn sentence(host: &Host, stderr: &str, keys: impl FnOnce() -> Vec<String>) -> String {
-    let has = |text: &str| stderr.contains(text);
+    let has = |texts: &[&str]| texts.iter().any(|text| stderr.contains(text));
     let name = &host.name;
-    if has("IDENTIFICATION HAS CHANGED") {
-        return format!(
-            "{host}: its host key has changed; if the host was reinstalled, run `ssh-keygen -R {name}`, then `ssh {host}` \
-             once by hand"
-        );
-    }
-    if has("Host key verification failed") || has("host key is known") {
-        return format!(
-            "{host}: its host key is not known on this PC; run `ssh {host}` once by hand to check and accept it"
-        );
-    }
-    if has("Permission denied") || has("Too many authentication failures") {
+    let why = if has(&["IDENTIFICATION HAS CHANGED"]) {
+        format!(
+            "its host key has changed; if the host was reinstalled, run `ssh-keygen -R {name}`, then `ssh {host}` once by hand"
+        )
+    } else if has(&["Host key verification failed", "host key is known"]) {
+        format!("its host key is not known on this PC; run `ssh {host}` once by hand to check and accept it")
+    } else if has(&["Permission denied", "Too many authentication failures"]) {
         let tried = match keys().as_slice() {
             [] => "you have no key file on this PC".to_owned(),
             keys => format!("tried {}", keys.join(", ")),
         };
-        return format!(
-            "{host}: accepts none of your keys ({tried}, and the keys of ssh-agent); run `ssh-copy-id {host}` once by hand"
-        );
-    }
-    if has("Could not resolve hostname") {
-        return format!(
-            "{host}: this name is unknown; give the address in the cluster file (`host`) or in ~/.ssh/config (HostName)"
-        );
-    }
-    if has("Connection refused") {
-        return format!("{host}: no ssh server answers; start its sshd, or give its port in ~/.ssh/config");
-    }
-    if has("Invalid argument") {
-        return format!(
-            "{host}: its address needs the name of the interface on this PC; write it behind a %, as in `host = \"fe80::1%eth0\"`, \
-             or give another address"
-        );
-    }
-    if has("timed out") || has("Connection timeout") {
-        return format!("{host}: no answer within {CONNECT_S} s; check that it is on, and that no firewall blocks ssh");
-    }
-    if has("No route to host") || has("Network is unreachable") {
-        return format!("{host}: no route from this network; check its address and that both are connected");
-    }
-    if has("closed by") || has("reset by peer") || has("Broken pipe") || has("master") || has("not responding") {
-        return format!("{host}: the connection was lost ({}); try again", last(stderr));
-    }
-    format!("{host}: {}", last(stderr))
+        format!("accepts none of your keys ({tried}, and the keys of ssh-agent); run `ssh-copy-id {host}` once by hand")
+    } else if has(&["Could not resolve hostname"]) {
+        "this name is unknown; give the address in the cluster file (`host`) or in ~/.ssh/config (HostName)".to_owned()
+    } else if has(&["Connection refused"]) {
+        "no ssh server answers; start its sshd, or give its port in ~/.ssh/config".to_owned()
+    } else if has(&["Invalid argument"]) {
+        "its address needs the name of the interface on this PC; write it behind a %, as in `host = \"fe80::1%eth0\"`, or give \
+         another address"
+            .to_owned()
+    } else if has(&["timed out", "Connection timeout"]) {
+        format!("no answer within {CONNECT_S} s; check that it is on, and that no firewall blocks ssh")
+    } else if has(&["No route to host", "Network is unreachable"]) {
+        "no route from this network; check its address and that both are connected".to_owned()
+    } else if has(&["closed by", "reset by peer", "Broken pipe", "master", "not responding"]) {
+        format!("the connection was lost ({}); try again", last(stderr))
+    } else {
+        last(stderr)
+    };
+    format!("{host}: {why}")
 }
 
 fn last(stderr: &str) -> String {
