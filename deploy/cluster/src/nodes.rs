@@ -114,7 +114,7 @@ pub struct Outcome {
     pub node: VehicleName,
     /// Its host.
     pub host: String,
-    /// The result in a word or two: `landed`.
+    /// The result, briefly: `landed`.
     pub done: &'static str,
     /// Why it failed; `None` if it did not.
     pub why: Option<String>,

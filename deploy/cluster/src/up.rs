@@ -245,9 +245,9 @@ impl Up<'_> {
                 Ok(other) => Err(unexpected(host, &other)),
                 Err(fault) => Err(fault),
             };
-            let told =
+            let answered =
                 measured.inspect_err(|fault| line.say(&format!("not measured: {}", fault.clone().sentence(host))));
-            told.ok().flatten().map(|finding| format!("{host}: {finding}"))
+            answered.ok().flatten().map(|finding| format!("{host}: {finding}"))
         });
         running.into_iter().flatten().collect()
     }
