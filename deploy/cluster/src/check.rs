@@ -26,6 +26,10 @@ impl Line {
         Self::new(format!("node {}", node.id), what, found)
     }
 
+    fn of_fault(node: &Node, what: &'static str, sentence: &str, or: &str) -> Self {
+        Self::of_sentence(format!("node {}", node.id), what, sentence, or)
+    }
+
     /// Makes a fault from a sentence `what is wrong; what to do`; `or` is the remedy if the sentence has none.
     fn of_sentence(place: impl Into<String>, what: &'static str, sentence: &str, or: &str) -> Self {
         let (found, remedy) = sentence.split_once("; ").unwrap_or((sentence, or));

@@ -125,15 +125,11 @@ fn prepare(chosen: &ChosenNodes) -> Result<BTreeMap<VehicleName, Payload>, Error
     let mut programs = BTreeMap::<Option<PathBuf>, Arc<Program>>::new();
     let mut given = BTreeMap::new();
     for node in chosen.nodes() {
-        let program = match programs.get(&node.binary) {
-            Some(program) => program.clone(),
-            None => {
-                let program = Arc::new(Program::read(node.binary.as_deref())?);
-                programs.insert(node.binary.clone(), program.clone());
-                program
-            }
-        };
-        given.insert(node.id, Payload { program, bundle: pack(&chosen.inventory, node.id)? });
+        if !programs.contains_key(&node.binary) {
+            programs.insert(node.binary.clone(), Arc::new(Program::read(node.binary.as_deref())?));
+        }
+        let (program, bundle) = (programs[&node.binary].clone(), pack(&chosen.inventory, node.id)?);
+        given.insert(node.id, Payload { program, bundle });
     }
     Ok(given)
 }

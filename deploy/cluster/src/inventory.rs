@@ -148,11 +148,14 @@ impl Node {
             SecurityKind::Tls => "tls",
             SecurityKind::None => "tcp",
         };
-        let address = &self.address;
-        // An IPv6 address is written in brackets.
-        match address.contains(':') {
-            true => format!("{scheme}/[{address}]:{}", self.port),
-            false => format!("{scheme}/{address}:{}", self.port),
+        format!("{scheme}/{}", self.host_port())
+    }
+
+    /// Returns `HOST:PORT` of its agent; an IPv6 address is in brackets.
+    pub fn host_port(&self) -> String {
+        match self.address.contains(':') {
+            true => format!("[{}]:{}", self.address, self.port),
+            false => format!("{}:{}", self.address, self.port),
         }
     }
 }

@@ -123,12 +123,7 @@ impl HostChecks<'_> {
             Ok(probed) => {
                 asked.lines.extend(of_probe(host, node, program, &probed));
                 if let Err(fault) = probed.folder.usable(program.bytes.len() as u64) {
-                    asked.lines.push(Line::of_sentence(
-                        format!("node {}", node.id),
-                        "folder",
-                        &fault,
-                        "set `folder` to another",
-                    ));
+                    asked.lines.push(Line::of_fault(node, "folder", &fault, "set `folder` to another"));
                 }
             }
         }
@@ -144,12 +139,10 @@ impl HostChecks<'_> {
         let agent = if facts.agent.is_some() { AgentState::Runs } else { AgentState::DoesNot };
         asked.agents.insert(node.id, agent);
         match pack(self.inventory, node.id) {
-            Err(error) => asked.lines.push(Line::of_sentence(
-                format!("node {}", node.id),
-                "configuration",
-                &error.to_string(),
-                "correct the scenario file",
-            )),
+            Err(error) => {
+                let remedy = "correct the scenario file";
+                asked.lines.push(Line::of_fault(node, "configuration", &error.to_string(), remedy));
+            }
             Ok(bundle) if owner::another(&facts, bundle.authority().as_deref()).is_some() => {
                 let owner = facts.authority.clone().unwrap_or_default();
                 let flies = if agent == AgentState::Runs { ", and it flies" } else { "" };
@@ -188,7 +181,7 @@ impl HostChecks<'_> {
 
     fn calls(&self, host: &Host, node: &Node) -> Option<Calls> {
         let nodes = self.inventory.nodes.values();
-        let endpoints = nodes.map(super::ports::address).collect();
+        let endpoints = nodes.map(Node::host_port).collect();
         match self.remote().ask(host, node, Ask::Reach { endpoints }) {
             Ok(Answer::Reach(reached)) => {
                 let reached = self.inventory.nodes.keys().copied().zip(reached).collect();
@@ -204,9 +197,7 @@ fn of_probe(host: &Host, node: &Node, program: &Program, probed: &Probed) -> [Li
     let glibc = probed.glibc.map(|(major, minor)| format!(", C library {major}.{minor}")).unwrap_or_default();
     let platform = match program.fits(&probed.platform, probed.glibc) {
         Ok(()) => Line::of(node, "platform", format!("{}{glibc}", probed.platform)),
-        Err(why) => {
-            Line::of_sentence(format!("node {}", node.id), "platform", &why, "name another program with `binary`")
-        }
+        Err(why) => Line::of_fault(node, "platform", &why, "name another program with `binary`"),
     };
     let is_there = probed.sum.as_deref() == Some(program.sum.as_str());
     let needed = ROOM + if is_there { 0 } else { program.bytes.len() as u64 };

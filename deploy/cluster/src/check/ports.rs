@@ -25,17 +25,9 @@ pub(super) enum AgentState {
     Unknown,
 }
 
-/// Returns `HOST:PORT` of a node.
-pub(super) fn address(node: &Node) -> String {
-    match node.address.contains(':') {
-        true => format!("[{}]:{}", node.address, node.port),
-        false => format!("{}:{}", node.address, node.port),
-    }
-}
-
 /// Calls every node's port from this PC.
 pub(super) fn call_all(inventory: &Inventory) -> Calls {
-    let endpoints: Vec<_> = inventory.nodes.values().map(address).collect();
+    let endpoints: Vec<_> = inventory.nodes.values().map(Node::host_port).collect();
     let reached = inventory.nodes.keys().copied().zip(probe::reach(&endpoints)).collect();
     Calls { from: "this PC".to_owned(), reached }
 }
@@ -46,7 +38,7 @@ pub(super) fn lines(inventory: &Inventory, calls: &[Calls], agents: &BTreeMap<Ve
 }
 
 fn line(node: &Node, calls: &[Calls], agent: Option<AgentState>) -> Line {
-    let at = address(node);
+    let at = node.host_port();
     let by = |filter: fn(&Reached) -> bool| -> Vec<&str> {
         let by = calls.iter().filter(|calls| calls.reached.get(&node.id).is_some_and(filter));
         by.map(|calls| calls.from.as_str()).collect()
