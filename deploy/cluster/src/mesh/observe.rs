@@ -433,53 +433,47 @@ fn update(
     vehicles: &mut BTreeMap<VehicleId, VehicleView>,
     ReceivedMessage { received, run, at }: &ReceivedMessage,
 ) -> bool {
-    let newer = |header: &message::Header, known: Option<&message::Header>| {
-        known.map(message::Header::order) < Some(header.order())
+    let is_older = |header: &message::Header, known: Option<&message::Header>| {
+        known.is_some_and(|known| known.order() >= header.order())
     };
     match received {
         SwarmMessage::Trace(trace) => {
             let view = vehicles.entry(trace.header.sender).or_default();
-            let news = newer(&trace.header, view.trace.as_ref().map(|known| &known.header));
-            if news {
-                view.trace = Some(trace.clone());
-                view.trace_at = Some(*at);
+            if is_older(&trace.header, view.trace.as_ref().map(|known| &known.header)) {
+                return false;
             }
-            news
+            (view.trace, view.trace_at) = (Some(trace.clone()), Some(*at));
         }
         SwarmMessage::Summary(summary) => {
             let view = vehicles.entry(summary.header.sender).or_default();
-            let news = newer(&summary.header, view.summary.as_ref().map(|known| &known.header));
-            if news {
-                (view.summary, view.summary_at) = (Some(summary.clone()), Some(*at));
+            if is_older(&summary.header, view.summary.as_ref().map(|known| &known.header)) {
+                return false;
             }
-            news
+            (view.summary, view.summary_at) = (Some(summary.clone()), Some(*at));
         }
         SwarmMessage::Health(health) => {
             let view = vehicles.entry(health.header.sender).or_default();
-            let news = newer(&health.header, view.health.as_ref().map(|known| &known.header));
-            if news {
-                (view.health, view.health_at, view.health_run) = (Some(health.clone()), Some(*at), *run);
+            if is_older(&health.header, view.health.as_ref().map(|known| &known.header)) {
+                return false;
             }
-            news
+            (view.health, view.health_at, view.health_run) = (Some(health.clone()), Some(*at), *run);
         }
         SwarmMessage::Mission(mission) => {
             let view = vehicles.entry(mission.header.sender).or_default();
-            let news = newer(&mission.header, view.mission.as_ref().map(|known| &known.header));
-            if news {
-                let life = |mission: &Heartbeat| mission.header.incarnation;
-                if view.mission.as_ref().map(life) != Some(life(mission)) || view.run != *run {
-                    view.orders = StandingOrders::default();
-                }
-                (view.mission, view.run) = (Some(*mission), *run);
+            if is_older(&mission.header, view.mission.as_ref().map(|known| &known.header)) {
+                return false;
             }
-            news
+            let life = |mission: &Heartbeat| mission.header.incarnation;
+            if view.mission.as_ref().map(life) != Some(life(mission)) || view.run != *run {
+                view.orders = StandingOrders::default();
+            }
+            (view.mission, view.run) = (Some(*mission), *run);
         }
-        SwarmMessage::Event(_) => true,
-        SwarmMessage::Appeared(id) | SwarmMessage::Vanished(id) => {
-            vehicles.entry(*id).or_default().alive = matches!(received, SwarmMessage::Appeared(_));
-            true
-        }
+        SwarmMessage::Event(_) => {}
+        SwarmMessage::Appeared(id) => vehicles.entry(*id).or_default().alive = true,
+        SwarmMessage::Vanished(id) => vehicles.entry(*id).or_default().alive = false,
     }
+    true
 }
 
 #[cfg(test)]
