@@ -123,7 +123,8 @@ fn a_request_is_answered_by_the_program_that_the_node_runs() {
     // No program is current, so any may answer.
     assert_eq!(remote.ask(&host, &node, Ask::Rollback), simulator);
     asked(&first, Ask::Rollback);
-    assert_eq!(remote.ask_release(&host, &node, &second.release, Ask::Facts), simulator);
+    let unexpected = Err(Fault::Failed(r#"heli1: answers Simulator(Ok("it"))"#.to_owned()));
+    assert_eq!(remote.change_by(&host, &node, &second.release, Ask::Facts), unexpected);
     asked(&second, Ask::Facts);
     let home = folder.path().join("home/.skein/lab/node-3");
     fs::create_dir_all(&home).unwrap();
@@ -134,7 +135,7 @@ fn a_request_is_answered_by_the_program_that_the_node_runs() {
     remote.log(&host, &node, (5, true), |line| lines.push(line.to_owned())).unwrap();
     asked(&second, Ask::Log { lines: 5, follow: true });
     assert_eq!(lines, [r#"{"Simulator":{"Ok":"it"}}"#]);
-    let error = remote.ask_release(&host, &node, "none", Ask::Facts).unwrap_err();
+    let error = remote.change_by(&host, &node, "none", Ask::Facts).unwrap_err();
     assert!(matches!(error, Fault::Failed(_)), "{error:?}");
 }
 
