@@ -41,8 +41,8 @@ use skein_common::id::VehicleName;
 use super::protocol::{Answer, Ask, Change, Request, Setup};
 use crate::capacity::{self, Demand};
 use crate::findings::Line;
-use node::{NodeFolder, Settings};
-use place::{INSTALLS, LOG, RUN, SwarmFolder};
+use node::{INSTALLS, LOG, NodeFolder, RUN, Settings};
+use place::SwarmFolder;
 use skein_lab::error::Error;
 
 /// `skein node`

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use super::files::{self, at};
 use super::node;
-use super::node::{NodeFolder, Settings, install_name, linked};
-use super::place::{ACTIVE, CURRENT, INSTALLS, PREVIOUS, PROGRAM, SwarmFolder};
+use super::node::{ACTIVE, CURRENT, INSTALLS, NodeFolder, PREVIOUS, Settings, install_name, linked};
+use super::place::{PROGRAM, SwarmFolder};
 use crate::bundle::{Bundle, BundleFile};
 use crate::os;
 use crate::protocol::Installed;

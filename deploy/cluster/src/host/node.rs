@@ -15,7 +15,6 @@ use skein_common::scenario::{Scenario, Source, load_any};
 use skein_host::clock;
 
 use super::files::{self, Lock, at};
-use super::place::{ACTIVE, AGENT, CURRENT, INSTALLS, PREVIOUS, RUN, SETTINGS, STARTED, SUPERVISOR};
 use super::probe;
 use super::process::Process;
 use crate::bundle::{AUTHORITY_FILE, SCENARIO, authority_of};
@@ -29,6 +28,21 @@ const SUPERVISOR_START: Duration = Duration::from_secs(2);
 const POLL_PERIOD: Duration = Duration::from_millis(5);
 /// How long a request waits for the lock of another request.
 pub(super) const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
+
+// The files of a node, below its folder, as `place` shows them.
+pub(super) const INSTALLS: &str = "installs";
+pub(super) const CURRENT: &str = "current";
+pub(super) const PREVIOUS: &str = "previous";
+pub(super) const SETTINGS: &str = "settings.json";
+pub(super) const LOG: &str = "log";
+pub(super) const RUN: &str = "run";
+pub(super) const ACTIVE: &str = "run/active";
+pub(super) const STARTED: &str = "run/started.json";
+pub(super) const AGENT: &str = "run/agent.json";
+pub(super) const ENDED: &str = "run/ended";
+/// The socket on which the agent reports to its supervisor that its control thread runs.
+pub(super) const NOTIFY: &str = "run/notify";
+pub(super) const SUPERVISOR: &str = "run/supervisor";
 
 /// One node's folder.
 #[derive(Clone, Debug)]
@@ -98,7 +112,7 @@ pub(super) struct AgentProcess {
 }
 
 impl NodeFolder {
-    /// Path of one of the node's files: a constant of [`place`](super::place).
+    /// Path of one of the node's files, such as [`CURRENT`].
     pub(super) fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }

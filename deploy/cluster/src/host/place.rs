@@ -26,22 +26,6 @@ use crate::protocol::Service;
 
 /// Name of the program file in a release and in an install.
 pub(super) const PROGRAM: &str = "skein";
-
-// The files of a node, below its folder.
-pub(super) const INSTALLS: &str = "installs";
-pub(super) const CURRENT: &str = "current";
-pub(super) const PREVIOUS: &str = "previous";
-pub(super) const SETTINGS: &str = "settings.json";
-pub(super) const LOG: &str = "log";
-pub(super) const RUN: &str = "run";
-pub(super) const ACTIVE: &str = "run/active";
-pub(super) const STARTED: &str = "run/started.json";
-pub(super) const AGENT: &str = "run/agent.json";
-pub(super) const ENDED: &str = "run/ended";
-/// The socket on which the agent reports to its supervisor that its control thread runs.
-pub(super) const NOTIFY: &str = "run/notify";
-pub(super) const SUPERVISOR: &str = "run/supervisor";
-
 /// One swarm's folder on this host, and the release of the program that answers.
 #[derive(Clone, Debug)]
 pub(super) struct SwarmFolder {

@@ -12,8 +12,10 @@ use skein_agent::run::{INCARNATION_FILE, RELEASE};
 
 use super::files::{self, at};
 use super::logs;
-use super::node::{AgentProcess, Moment, NodeFolder, Settings, Started, install_name, linked};
-use super::place::{ACTIVE, AGENT, CURRENT, ENDED, LOG, PROGRAM, RUN, SwarmFolder};
+use super::node::{
+    ACTIVE, AGENT, AgentProcess, CURRENT, ENDED, LOG, Moment, NodeFolder, RUN, Settings, Started, install_name, linked,
+};
+use super::place::{PROGRAM, SwarmFolder};
 use super::privileges;
 use super::process::Process;
 use super::supervision::note_agent;

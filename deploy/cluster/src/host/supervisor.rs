@@ -12,8 +12,8 @@ use std::time::Duration;
 
 use super::files::{Lock, at};
 use super::logs::{self, Log};
-use super::node::NodeFolder;
-use super::place::{ACTIVE, ENDED, LOG, NOTIFY, PROGRAM, SUPERVISOR};
+use super::node::{ACTIVE, ENDED, LOG, NOTIFY, NodeFolder, SUPERVISOR};
+use super::place::PROGRAM;
 use super::process::Process;
 use super::supervision::{AgentEnd, POLL_PERIOD, Supervised, Supervision};
 use crate::os::{self, Interrupts, Notifications};

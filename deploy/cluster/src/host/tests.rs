@@ -3,7 +3,7 @@ use std::path::Path;
 
 use skein_common::id::SwarmName;
 
-use super::place::AGENT;
+use super::node::AGENT;
 use super::systemd::Systemd;
 use super::*;
 use crate::bundle::{Bundle, BundleFile};

@@ -2,7 +2,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::host::files::tests::fail_after;
-use crate::host::place::RUN;
+use crate::host::node::RUN;
 use crate::host::systemd::Systemd;
 use crate::protocol::Service;
 use skein_common::id::{SwarmName, VehicleId};

@@ -3,7 +3,8 @@ use std::process::Output;
 use tempfile::TempDir;
 
 use super::*;
-use crate::host::place::{ACTIVE, RUN, SwarmFolder};
+use crate::host::node::{ACTIVE, RUN};
+use crate::host::place::SwarmFolder;
 use crate::protocol::Installed;
 use skein_common::id::SwarmName;
 
