@@ -35,7 +35,8 @@ fn main() {
     // build start anew: an archive has no `.git`, and in a second work tree `.git` is a file.
     let of_git = ["HEAD", "logs/HEAD"].map(|name| git(&["rev-parse", "--git-path", name]));
     let of_sources =
-        ["src", "../src", "../../agent", "../../common/src", OF_ARCHIVE, LOCK].map(|path| Some(path.to_owned()));
+        ["src", "../cluster/src", "../view/src", "../src", "../../agent", "../../common/src", OF_ARCHIVE, LOCK]
+            .map(|path| Some(path.to_owned()));
     for path in of_git.into_iter().chain(of_sources).flatten().filter(|path| Path::new(path).exists()) {
         println!("cargo::rerun-if-changed={path}");
     }

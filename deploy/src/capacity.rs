@@ -1,17 +1,12 @@
 //! Calculates how many vehicles fit into 1 Gbit/s and into one processor core, with a central controller and in a mesh.
 //!
-//! The paper counts the payload in one direction only ([`PaperEquation`]). Here `wire` adds the overhead of Ethernet,
-//! IP, UDP and TCP, `measure` measures on this PC what a message costs in bytes and processor time, and `fleet`
-//! multiplies. What a fleet of teams receives by cells was flown: `flown`.
+//! The paper counts the payload in one direction only ([`PaperEquation`]). Here [`skein_cluster::capacity`] measures
+//! on this PC what a message costs in bytes, with the overhead of Ethernet, IP, UDP and TCP, and in processor time, and
+//! `fleet` multiplies. What a fleet of teams receives by cells was flown: `flown`.
 
 mod fleet;
 mod flown;
-mod here;
-mod measure;
-mod message_cost;
 mod picture;
-mod relay;
-mod wire;
 
 use std::fs;
 use std::path::Path;
@@ -24,12 +19,12 @@ use skein_common::id::VehicleId;
 
 pub use fleet::{Load, Scheme};
 pub use flown::{FlownFleet, OverVehicles, Received};
-pub use here::{Demand, agrees, ask_for, exceeded_by};
-pub use measure::{Effort, Measured, StateRate, StepTime, measure};
-pub use message_cost::{MessageSize, MessageTime};
+use skein_cluster::capacity::{
+    Effort, Measured, PaperEquation, StateRate, StepTime, data_output_bytes, measure, of_datagram_bytes,
+    of_segment_bytes,
+};
 use skein_lab::error::Error;
 use skein_lab::out;
-pub use wire::{PaperEquation, data_output_bytes, of_datagram_bytes, of_segment_bytes};
 
 /// Capacity of a computer's link, and of a network that all computers share, bit/s.
 pub const GIGABIT_S: f64 = 1e9;

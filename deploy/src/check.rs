@@ -15,11 +15,10 @@ use skein_core::hover::{self, Hover};
 
 use skein_agent::config::fleet;
 
-use crate::cluster;
-use crate::cluster::nodes::is_seconds;
 use crate::fly::script;
-use crate::inventory::find;
 use crate::prepare::{self as flight, Prepared, Target};
+use skein_cluster::inventory::find;
+use skein_cluster::nodes::is_seconds;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::prepare;
@@ -61,13 +60,13 @@ pub fn run(args: &CheckArgs) -> Result<(), Error> {
         return pc::run(Duration::from_secs_f64(args.wait), args.json);
     }
     if let Some(file) = &args.file {
-        return cluster::check::run(file, args.json);
+        return skein_cluster::check::run(file, args.json);
     }
     let names_a_scenario = args.scenario.scenario.is_some() || !args.scenario.sets.is_empty();
     match if names_a_scenario { None } else { find::unnamed() } {
         Some(cluster) => {
             skein_lab::terminal::complain(&format!("checks {cluster}; `skein check SCENARIO` checks a scenario"));
-            cluster::check::run(&cluster.path, args.json)
+            skein_cluster::check::run(&cluster.path, args.json)
         }
         None => scenario(args),
     }

@@ -12,16 +12,11 @@ use tracing_subscriber::EnvFilter;
 
 use crate::check::xplane::{self, XplaneCheckArgs};
 use crate::check::{self, CheckArgs};
-use crate::cluster::host::{self, NodeArgs};
-use crate::cluster::{self, ClusterArgs};
 use crate::explain::{self, ExplainArgs};
 use crate::fit::{self, FitArgs};
 use crate::fly::{self, FlyArgs};
 use crate::manual::{self, CompletionsArgs, ManArgs};
 use crate::new::{self, NewArgs};
-use crate::order::{self, OrderArgs};
-use crate::os;
-use crate::place::{self, PlaceArgs};
 use crate::record::{self, RecordArgs};
 use crate::release::{self, ReleaseArgs};
 use crate::replay::{self, ReplayArgs};
@@ -29,12 +24,17 @@ use crate::report::{self, ReportArgs};
 use crate::scenarios::{self, ScenariosArgs};
 use crate::status::{self, StatusArgs};
 use crate::version;
-use crate::view::{self, ViewArgs};
+use skein_cluster::ClusterArgs;
+use skein_cluster::host::{self, NodeArgs};
+use skein_cluster::mesh::order::{self, OrderArgs};
+use skein_cluster::os;
+use skein_cluster::place::{self, PlaceArgs};
 use skein_lab::cli::{finish, parsed};
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
 use skein_lab::study::{self, StudyArgs};
 use skein_lab::terminal::{complain, draw};
+use skein_view::ViewArgs;
 
 /// Flies a swarm of helicopters without a central computer.
 ///
@@ -203,7 +203,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::Study(args) => study::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Record(args) => record::run(&args),
-        Command::View(args) => view::run(&args),
+        Command::View(args) => skein_view::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Order(args) => order::run(&args),
         Command::Status(args) => status::run(&args),
@@ -221,7 +221,7 @@ pub fn run(command: Command) -> ExitCode {
             Ok(())
         }
         Command::Man(args) => manual::write_pages(&args, Cli::command()),
-        Command::Cluster(args) => cluster::run(&args),
+        Command::Cluster(args) => skein_cluster::run(&args),
         Command::Node(args) => host::run(&args),
         // Both set their own exit status and logging.
         Command::Agent(options) => return host::fly(&options),
@@ -335,7 +335,7 @@ mod tests {
             assert!(short.is_none_or(|argument| argument.get_long() == Some("file")), "{}", command.get_name());
         }
         let Ok(Command::Cluster(logs)) = parse("skein cluster logs -f lab.toml -F -n 3 2") else { panic!("logs") };
-        let cluster::ClusterCommand::Logs(logs) = logs.command else { panic!("logs") };
+        let skein_cluster::ClusterCommand::Logs(logs) = logs.command else { panic!("logs") };
         assert!(logs.follow && logs.file == Some("lab.toml".into()) && logs.nodes.len() == 1);
         for old in ["skein cluster logs -f", "skein cluster logs -f 3", "skein cluster logs -f -n 5"] {
             let refused = parse(old).unwrap_err();

@@ -1,12 +1,11 @@
 //! `skein files explain`: explains the keys of a scenario: what each accepts, its default, and the reason for it.
 
 use std::fmt::Write;
-use std::io::IsTerminal;
 
-use ratatui::crossterm::terminal;
 use serde_json::{Value, json};
 use skein_common::scenario::{Key, Kind, Literal, Range, TunableKey, matching, most_similar};
 
+use skein_cluster::display::screen::columns;
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
 
@@ -22,10 +21,6 @@ pub struct ExplainArgs {
     pub json: bool,
 }
 
-/// Width of text that does not go to a terminal, columns.
-const COLUMNS: usize = 100;
-/// Narrowest width that text is wrapped to, columns: a narrower terminal breaks the lines itself.
-const LEAST_COLUMNS: usize = 40;
 /// Width of a label such as "default" with the space around it, columns.
 const INDENT: usize = 11;
 
@@ -53,12 +48,6 @@ fn find(pattern: &str) -> Result<Vec<&'static Key>, Error> {
         |key| format!("did you mean {}?", key.path),
     );
     Err(Error::Refused(format!("no key contains \"{pattern}\"; {help}")))
-}
-
-/// The width of the terminal in columns, else [`COLUMNS`].
-pub(crate) fn columns() -> usize {
-    let terminal = std::io::stdout().is_terminal().then(terminal::size).and_then(Result::ok);
-    terminal.map_or(COLUMNS, |(columns, _)| usize::from(columns).max(LEAST_COLUMNS))
 }
 
 /// Formats each key's path with a labelled line below it for each property.
@@ -182,13 +171,13 @@ network.send
 
     #[test]
     fn every_key_appears_once_in_text_and_json() {
-        let (keys, text) = (find("").unwrap(), as_text(&find("").unwrap(), COLUMNS));
+        let (keys, text) = (find("").unwrap(), as_text(&find("").unwrap(), 100));
         let json = as_json(&keys);
         let names: Vec<_> = json.as_array().unwrap().iter().map(|key| key["name"].as_str().unwrap()).collect();
         assert_eq!(names, KEYS.iter().map(|key| key.path).collect::<Vec<_>>());
         let headings: Vec<_> = text.lines().filter(|line| !line.is_empty() && !line.starts_with(' ')).collect();
         assert_eq!(headings, names);
-        assert!(text.lines().all(|line| line.chars().count() <= COLUMNS));
+        assert!(text.lines().all(|line| line.chars().count() <= 100));
         for key in json.as_array().unwrap() {
             let fields: Vec<_> = key.as_object().unwrap().keys().map(String::as_str).collect();
             assert_eq!(fields, ["about", "default", "flock", "kind", "name", "paper", "range", "unit"]);

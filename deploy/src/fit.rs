@@ -17,8 +17,8 @@ use skein_lab::out;
 use skein_lab::terminal::{complain, json, say, what_next};
 
 use crate::new::Name;
-use crate::os::Interrupts;
-use crate::simulators::HostPort;
+use skein_cluster::os::Interrupts;
+use skein_cluster::ports::HostPort;
 
 /// `skein xplane fit`
 #[derive(Clone, Debug, clap::Args)]

@@ -24,18 +24,18 @@ use clap::builder::PossibleValue;
 use skein_agent::link::{ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME};
 use skein_agent::unix;
 
-use crate::capacity;
-use crate::cluster::nodes::is_seconds;
-use crate::os::Interrupts;
-use crate::reach::SwarmArgs;
-use crate::simulators::HostPort;
-use crate::view::{self, NameArgs, OrdersArgs, PageBeside, Served};
+use skein_cluster::capacity;
+use skein_cluster::mesh::reach::SwarmArgs;
+use skein_cluster::nodes::is_seconds;
+use skein_cluster::os::Interrupts;
+use skein_cluster::ports::HostPort;
 use skein_common::id::SwarmName;
 use skein_common::scenario::PlantKind;
 use skein_core::formation::room;
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::study::seed;
+use skein_view::{NameArgs, OrdersArgs, PageBeside, Served};
 
 pub mod children;
 pub mod fleet;
@@ -183,7 +183,7 @@ fn serve_page(args: &FlyArgs, swarm: SwarmName) -> Result<(Vec<String>, Option<S
         return Ok((Vec::new(), None));
     }
     let served = Served { address: args.view.flatten(), option: "--view", names: &args.names, orders: &args.orders };
-    match view::beside(SwarmArgs { swarm: Some(swarm), file: None }, served) {
+    match skein_view::beside(SwarmArgs { swarm: Some(swarm), file: None }, served) {
         Ok(PageBeside { addresses, code }) => {
             Ok((addresses.iter().map(|address| format!("live page: http://{address}")).collect(), code))
         }

@@ -210,7 +210,7 @@ mod tests {
             let again = write(folder.path(), &start).unwrap_err().to_string();
             assert!(again.contains("exists already"), "{again}");
         }
-        let cluster = crate::inventory::Inventory::read(&folder.path().join("cluster.toml")).unwrap();
+        let cluster = skein_cluster::inventory::Inventory::read(&folder.path().join("cluster.toml")).unwrap();
         assert_eq!((cluster.swarm.as_str(), cluster.nodes.len()), ("lab", 4));
     }
 

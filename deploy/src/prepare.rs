@@ -6,7 +6,8 @@ use skein_agent::config::check_live;
 use skein_common::scenario::{Scenario, Simulator};
 use skein_host::external::protocol::Time;
 
-use crate::simulators::{self, HostPort};
+use skein_cluster::ports::HostPort;
+use skein_cluster::simulators;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::prepare;

@@ -6,5 +6,4 @@ mod live;
 
 pub use command::{RecordArgs, run};
 pub use fleet::FleetRecorder;
-pub(crate) use live::Rate;
 pub use live::{Recorder, told};

@@ -8,8 +8,8 @@ use skein_lab::error::Error;
 use skein_lab::terminal::{complain, say};
 
 use crate::check::xplane::read_until;
-use crate::simulators::HostPort;
-use crate::simulators::survey::{SILENT, Surveyor};
+use skein_cluster::ports::HostPort;
+use skein_cluster::simulators::survey::{SILENT, Surveyor};
 
 /// `skein xplane release`
 #[derive(Clone, Debug, clap::Args)]

@@ -6,7 +6,7 @@ use skein_lab::error::Error;
 use skein_lab::shipped::{self, SCENARIOS};
 use skein_lab::terminal::{json, say, wrapped};
 
-use crate::explain::columns;
+use skein_cluster::display::screen::columns;
 
 /// `skein files scenarios`
 #[derive(Clone, Debug, clap::Args)]

@@ -2,8 +2,8 @@
 
 use skein_lab::error::Error;
 
-use crate::cluster::status::{ShownArgs, status};
-use crate::reach::SwarmArgs;
+use skein_cluster::mesh::reach::SwarmArgs;
+use skein_cluster::status::{ShownArgs, status};
 
 /// `skein status`
 #[derive(Clone, Debug, clap::Args)]

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use skein_lab::{REVISION, TARGET, VERSION, ZENOH};
 
-use crate::cluster::program::Program;
+use skein_cluster::program::Program;
 
 /// Version and revision, for `-V`: one line.
 pub fn line() -> &'static str {

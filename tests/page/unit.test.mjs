@@ -2,13 +2,13 @@
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { liveAddress, readCrowd, reasonOf } from "../../deploy/src/view/page/connection.js";
-import * as format from "../../deploy/src/view/page/format.js";
-import { Frame } from "../../deploy/src/view/page/frame.js";
-import { History } from "../../deploy/src/view/page/history.js";
-import { Player } from "../../deploy/src/view/page/player.js";
-import { analyse, describe } from "../../deploy/src/view/page/reception.js";
-import { Swarm } from "../../deploy/src/view/page/swarm.js";
+import { liveAddress, readCrowd, reasonOf } from "../../deploy/view/src/page/connection.js";
+import * as format from "../../deploy/view/src/page/format.js";
+import { Frame } from "../../deploy/view/src/page/frame.js";
+import { History } from "../../deploy/view/src/page/history.js";
+import { Player } from "../../deploy/view/src/page/player.js";
+import { analyse, describe } from "../../deploy/view/src/page/reception.js";
+import { Swarm } from "../../deploy/view/src/page/swarm.js";
 import { MockSwarm } from "./mock.mjs";
 
 /** A swarm of so many vehicles, as the page has it, with a picture in which `act` changed something. */

@@ -206,7 +206,7 @@ pub fn table() -> String {
     let figure = |key: &str, digits: usize| {
         metrics[key].as_f64().map_or_else(|| "never".to_owned(), |value| format!("{value:.digits$}"))
     };
-    let load_average = skein::os::load().map_or_else(|| "-".to_owned(), |load| format!("{load:.1}"));
+    let load_average = skein_cluster::os::load().map_or_else(|| "-".to_owned(), |load| format!("{load:.1}"));
     let rows = [
         ("agents, on one core", X_PLANES.to_string()),
         ("stand-ins, on another core", X_PLANES.to_string()),

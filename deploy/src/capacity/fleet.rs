@@ -13,9 +13,9 @@
 use serde::Serialize;
 use skein_agent::plant::xplane::wire::{dref, rpos};
 
-use super::measure::Measured;
-use super::message_cost::{FRAME_HZ, MessageSize};
-use super::wire::{data_output_bytes, of_datagram_bytes, of_segment_bytes};
+use skein_cluster::capacity::{
+    FRAME_HZ, Measured, MessageSize, data_output_bytes, of_datagram_bytes, of_segment_bytes,
+};
 
 /// Linux's shortest wait before it acknowledges by a segment of its own, s.
 const DELAYED_ACKNOWLEDGEMENT_S: f64 = 0.04;
@@ -167,8 +167,8 @@ fn bits(bytes: usize) -> f64 {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::measure::{StateRate, StepTime};
-    use super::super::message_cost::MessageTime;
+    use skein_cluster::capacity::{MessageTime, StateRate, StepTime};
+
     use super::*;
 
     /// Measurements in round numbers: a state of 100 bytes takes 190 on the wire, a heartbeat of 60 takes 150, an

@@ -1,8 +1,8 @@
 //! Draws the load over the size of the fleet, one line for each communication scheme.
 
 use super::fleet::{Load, Scheme};
-use super::measure::Measured;
 use super::{GIGABIT_S, LARGEST_FLEET};
+use skein_cluster::capacity::Measured;
 use skein_lab::report::figure::{Axis, Colour, Drawing, Item, Panel, WIDTH_PX};
 
 /// The quantity of a load that a panel shows, if it is known.

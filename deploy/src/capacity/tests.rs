@@ -1,3 +1,5 @@
+use skein_cluster::capacity::MessageTime;
+
 use super::*;
 
 #[test]

@@ -14,7 +14,7 @@ use std::time::Duration;
 use skein_lab::error::Error;
 use skein_lab::terminal::{json, say};
 
-use crate::findings::{Line, as_table, verdict};
+use skein_cluster::findings::{Line, as_table, verdict};
 
 /// Prints a line for each check; listens to X-Plane's beacon for `wait`.
 ///

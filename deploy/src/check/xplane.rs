@@ -17,14 +17,14 @@ use skein_lab::out;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::terminal;
 
-use crate::findings::{self, Line, verdict};
 use crate::new::discover;
-use crate::os;
-use crate::place;
-use crate::simulators::HostPort;
-use crate::simulators::reset::CRASHED;
-use crate::simulators::survey::{SILENT, Survey, Surveyor};
-use crate::simulators::web::WebChoice;
+use skein_cluster::findings::{self, Line, verdict};
+use skein_cluster::os;
+use skein_cluster::place;
+use skein_cluster::ports::HostPort;
+use skein_cluster::simulators::reset::CRASHED;
+use skein_cluster::simulators::survey::{SILENT, Survey, Surveyor};
+use skein_cluster::simulators::web::WebChoice;
 
 /// `skein xplane check`
 #[derive(Clone, Debug, clap::Args)]

@@ -8,7 +8,7 @@ use std::process::{Child as Process, ChildStdin, Command, ExitStatus, Stdio};
 
 use skein_common::id::{VehicleId, VehicleSet};
 
-use crate::os;
+use skein_cluster::os;
 
 /// What a process is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

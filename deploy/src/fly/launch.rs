@@ -14,8 +14,8 @@ use skein_core::helicopter::Start;
 
 use super::children::{Children, ProcessRole};
 use super::plan::Plan;
-use crate::endpoints::{self, Endpoints, EndpointsFile};
-use crate::ports;
+use skein_cluster::endpoints::{self, Endpoints, EndpointsFile};
+use skein_cluster::ports;
 use skein_lab::error::Error;
 use skein_lab::out::{self, Claim};
 

@@ -7,7 +7,7 @@ use skein_common::scenario::{Described, Loaded, PlantKind, Scenario, Simulator};
 
 use super::{FlyArgs, PlantArg};
 use crate::prepare::{Prepared, Target, prepare};
-use crate::simulators;
+use skein_cluster::simulators;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
 use skein_lab::out;

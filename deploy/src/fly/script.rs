@@ -8,7 +8,7 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::{EventAction, Fault, PlantKind, PlayedFailures, Scenario, ScriptedEvent};
 use skein_core::impairments::{lasting, union};
 
-use crate::os;
+use skein_cluster::os;
 use skein_lab::faults::{InjectedFault, OperatorOrder, Schedule, describe, failure_of, kills, orders};
 
 /// An action of the launcher, or an event to report.

@@ -25,9 +25,9 @@ use skein_lab::terminal::{complain, say, what_next};
 use super::FlyArgs;
 use super::fleet::Flights;
 use super::plan::{Plans, sets};
-use crate::os::Interrupts;
-use crate::simulators;
-use crate::{endpoints, landing};
+use skein_cluster::os::Interrupts;
+use skein_cluster::simulators;
+use skein_cluster::{endpoints, landing};
 
 /// Interval at which a series looks whether vehicles that were left in the air are down.
 const LOOK: Duration = Duration::from_secs(1);

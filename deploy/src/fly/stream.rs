@@ -15,7 +15,7 @@ use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::Run;
 use skein_lab::terminal::say;
 
-use crate::display::status::{FlightStatus, Row, Stage};
+use skein_cluster::display::status::{FlightStatus, Row, Stage};
 
 /// Interval between two lines of progress.
 const PROGRESS: Duration = Duration::from_secs(10);

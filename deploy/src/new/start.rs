@@ -278,7 +278,7 @@ mod tests {
         let start = found_cluster(&"mine".parse().unwrap(), &[found(11, 49_000), found(12, 49_010)]);
         let folder = tempfile::tempdir().unwrap();
         super::super::write(folder.path(), &start).unwrap();
-        let cluster = crate::inventory::Inventory::read(&folder.path().join("cluster.toml")).unwrap();
+        let cluster = skein_cluster::inventory::Inventory::read(&folder.path().join("cluster.toml")).unwrap();
         let nodes: Vec<_> =
             cluster.nodes.values().map(|node| (node.address.as_str(), node.xplane.as_deref().unwrap())).collect();
         assert_eq!(nodes, [("10.0.0.11", "10.0.0.11:49000"), ("10.0.0.12", "10.0.0.12:49010")]);

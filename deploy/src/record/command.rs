@@ -3,17 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::keys::Role;
 use serde_json::{Value, json};
+use skein_cluster::keys::Role;
 use skein_common::id::TeamId;
 use skein_common::message::Severity;
 use skein_common::scenario::{Described, Scenario, Source, load};
 use skein_common::state::Membership;
 
 use super::{FleetRecorder, Recorder};
-use crate::observe::{Observer, SwarmMessage, TraceSubscription};
-use crate::os::Interrupts;
-use crate::reach::{Reach, SwarmArgs};
+use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::reach::{Reach, SwarmArgs};
+use skein_cluster::os::Interrupts;
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::Run;
@@ -260,7 +260,7 @@ struct Window {
 impl Window {
     /// Returns true once, when the window begins.
     fn begins(&mut self, observer: &Observer) -> bool {
-        let is_active = |view: &crate::observe::VehicleView| {
+        let is_active = |view: &skein_cluster::mesh::observe::VehicleView| {
             view.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
         };
         let mut alive = observer.vehicles().values().filter(|view| view.alive).peekable();

@@ -11,10 +11,10 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use skein::endpoints;
-use skein::observe::{Observer, TraceSubscription};
-use skein::os;
-use skein::reach::Reach;
+use skein_cluster::endpoints;
+use skein_cluster::mesh::observe::{Observer, TraceSubscription};
+use skein_cluster::mesh::reach::Reach;
+use skein_cluster::os;
 use skein_common::id::VehicleId;
 use skein_common::message::Health;
 use skein_common::state::Activity;

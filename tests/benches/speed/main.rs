@@ -53,7 +53,7 @@ fn one_ring(vehicles: usize) -> Vec<String> {
 
 /// Processor time of `work`, s, with its result.
 fn processor_time_s<T>(work: impl FnOnce() -> T) -> (f64, T) {
-    let now_s = || skein::os::cpu_s().expect("this system reports processor time");
+    let now_s = || skein_cluster::os::cpu_s().expect("this system reports processor time");
     let begin_s = now_s();
     let result = work();
     (now_s() - begin_s, result)

@@ -14,8 +14,8 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::{self, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
-use skein::observe::Observer;
-use skein::os;
+use skein_cluster::mesh::observe::Observer;
+use skein_cluster::os;
 use skein_common::id::VehicleId;
 use skein_common::message::Health;
 use skein_common::statistics::quantile;

@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::Path;
 
-use skein::cluster::protocol::{Answer, Request};
-use skein::inventory::Inventory;
-use skein::simulators::web::read_answer;
 use skein_agent::inputs::InputsReader;
 use skein_agent::link::security::{Certified, certified};
+use skein_cluster::inventory::Inventory;
+use skein_cluster::protocol::{Answer, Request};
+use skein_cluster::simulators::web::read_answer;
 use skein_common::message::Message;
 use skein_common::scenario::{Described, Scenario, Source, load_any};
 use skein_core::aircraft::Aircraft;

@@ -3,9 +3,9 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use skein::cluster::host::supervision::{AgentEnd, Supervised, Supervision, note_agent};
 use skein_agent::link::Trust;
 use skein_agent::run::simulated::SimulatedAgent;
+use skein_cluster::host::supervision::{AgentEnd, Supervised, Supervision, note_agent};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::scenario::Scenario;
 use skein_core::aircraft::Aircraft;

@@ -31,6 +31,17 @@ fn sources(folder: &Path, module: &[String], found: &mut BTreeMap<Module, String
     }
 }
 
+/// The folders of the crates that have rules for their modules.
+const CRATES: [&str; 9] =
+    ["common", "agent/core", "agent/host", "agent", "deploy/lab", "deploy/cluster", "deploy/view", "deploy", "tests"];
+
+/// The sources of the crate in this folder.
+fn modules_of(member: &str) -> BTreeMap<Module, String> {
+    let mut modules = BTreeMap::from([(Module::new(), String::new())]);
+    sources(&root().join(member).join("src"), &[], &mut modules);
+    modules
+}
+
 /// A source without comments and without code that is compiled only for tests.
 fn code_of(source: &str) -> String {
     let lines: String =
@@ -173,10 +184,8 @@ fn cycle_of(uses: &BTreeMap<(Module, Module), Module>) -> Option<Vec<Module>> {
 #[test]
 fn no_two_modules_import_each_other() {
     let mut cycles = Vec::new();
-    for member in ["common", "agent/core", "agent/host", "agent", "deploy/lab", "deploy", "tests"] {
-        let folder = root().join(member).join("src");
-        let mut modules = BTreeMap::from([(Module::new(), String::new())]);
-        sources(&folder, &[], &mut modules);
+    for member in CRATES {
+        let modules = modules_of(member);
         assert!(modules.len() > 3, "{member} has {} modules", modules.len());
         let mut uses = uses(&modules);
         while let Some(cycle) = cycle_of(&uses) {
@@ -188,6 +197,46 @@ fn no_two_modules_import_each_other() {
         }
     }
     assert!(cycles.is_empty(), "modules that import each other:\n{}", cycles.join("\n"));
+}
+
+/// The longest chain of modules from this one on of which each uses the next; `known` keeps those that were found. A circle ends it.
+fn chain_from(
+    module: &Module,
+    uses: &BTreeMap<(Module, Module), Module>,
+    known: &mut BTreeMap<Module, Vec<Module>>,
+) -> Vec<Module> {
+    if let Some(chain) = known.get(module) {
+        return chain.clone();
+    }
+    known.insert(module.clone(), Vec::new());
+    let next = uses.keys().filter(|(from, _)| from == module).map(|(_, to)| chain_from(to, uses, known));
+    let rest = next.max_by_key(Vec::len).unwrap_or_default();
+    let chain: Vec<Module> = std::iter::once(module.clone()).chain(rest).collect();
+    known.insert(module.clone(), chain.clone());
+    chain
+}
+
+/// The longest chain of modules of which each uses the next.
+fn longest_chain(uses: &BTreeMap<(Module, Module), Module>) -> Vec<Module> {
+    let mut known = BTreeMap::new();
+    uses.keys().map(|(from, _)| chain_from(from, uses, &mut known)).max_by_key(Vec::len).unwrap_or_default()
+}
+
+/// Longest chain of imports that a reader of a crate of the operator's side has to follow, modules.
+const LONGEST_CHAIN: usize = 8;
+
+#[test]
+fn no_chain_of_imports_is_too_long_to_follow() {
+    for member in ["deploy/cluster", "deploy/view", "deploy"] {
+        let chain = longest_chain(&uses(&modules_of(member)));
+        let arrows: Vec<_> = chain.iter().map(|module| module.join("::")).collect();
+        println!("{member}: {} modules: {}", chain.len(), arrows.join(" -> "));
+        assert!((3..=LONGEST_CHAIN).contains(&chain.len()), "{member}: {}", arrows.join(" -> "));
+    }
+    let code =
+        [("a", "use crate::b::X; use crate::d::Y;"), ("b", "use crate::c::X;"), ("c", "use super::d;"), ("d", "")];
+    let modules = code.map(|(name, code)| (vec![name.to_owned()], code.to_owned())).into();
+    assert_eq!(longest_chain(&uses(&modules)), ["a", "b", "c", "d"].map(|name| vec![name.to_owned()]));
 }
 
 /// The stages of the agent's loop, in the order in which it calls them.
@@ -202,8 +251,7 @@ fn uses_of_later_stages(uses: &BTreeMap<(Module, Module), Module>) -> Vec<String
 
 #[test]
 fn no_stage_of_the_loop_uses_a_later_one() {
-    let mut modules = BTreeMap::from([(Module::new(), String::new())]);
-    sources(&root().join("agent/core/src"), &[], &mut modules);
+    let modules = modules_of("agent/core");
     assert!(STAGES.iter().all(|stage| modules.contains_key(&vec![(*stage).to_owned()])), "a stage has another name");
     assert_eq!(uses_of_later_stages(&uses(&modules)), Vec::<String>::new());
     let code = [("mission", "use crate::control::X;"), ("control", "use crate::mission::Y;")];
@@ -228,15 +276,11 @@ fn public_types(modules: &BTreeMap<Module, String>) -> BTreeMap<String, usize> {
 
 #[test]
 fn no_two_public_types_of_a_crate_share_a_name() {
-    for folder in
-        ["common/src", "agent/core/src", "agent/host/src", "agent/src", "deploy/lab/src", "deploy/src", "tests/src"]
-    {
-        let mut modules = BTreeMap::new();
-        sources(&root().join(folder), &[], &mut modules);
-        let types = public_types(&modules);
-        assert!(types.len() > 5, "{folder}: {types:?}");
+    for member in CRATES {
+        let types = public_types(&modules_of(member));
+        assert!(types.len() > 5, "{member}: {types:?}");
         let shared: Vec<_> = types.into_iter().filter(|(_, count)| *count > 1).collect();
-        assert!(shared.is_empty(), "{folder}: {shared:?}");
+        assert!(shared.is_empty(), "{member}: {shared:?}");
     }
     let twice =
         [(vec!["a".to_owned()], "pub struct Same;".to_owned()), (vec!["b".to_owned()], "pub enum Same {".to_owned())];
@@ -284,7 +328,7 @@ fn the_command_and_the_tests_share_one_build_of_every_dependency() {
 
 #[test]
 fn the_core_and_the_lab_are_built_without_network() {
-    let network = ["tokio", "zenoh", "rustls", "socket2", "skein-agent", "skein"];
+    let network = ["tokio", "zenoh", "rustls", "socket2", "skein-agent", "skein-cluster", "skein-view", "skein"];
     // The lab's terminal uses system calls; the core must not.
     let core = [&network[..], &["rustix", "libc", "skein-host"]].concat();
     let packages = [
@@ -304,10 +348,23 @@ fn the_core_and_the_lab_are_built_without_network() {
 }
 
 #[test]
+fn agents_know_nothing_of_operations_and_the_cluster_nothing_of_the_page() {
+    let packages = [
+        ("skein-agent", &["skein-lab", "skein-cluster", "skein-view", "skein"][..]),
+        ("skein-cluster", &["skein-view", "skein"]),
+        ("skein-view", &["skein"]),
+    ];
+    for (package, later) in packages {
+        let parts = built_from(package);
+        let wrong: Vec<_> = later.iter().filter(|later| parts.contains(**later)).collect();
+        assert!(parts.contains("skein-core") && wrong.is_empty(), "{package} is built from {wrong:?}");
+    }
+}
+
+#[test]
 fn every_text_for_stdout_passes_through_one_place() {
-    for folder in ["agent/host/src", "agent/src", "deploy/lab/src", "deploy/src"] {
-        let mut modules = BTreeMap::new();
-        sources(&root().join(folder), &[], &mut modules);
+    for member in ["agent/host", "agent", "deploy/lab", "deploy/cluster", "deploy/view", "deploy"] {
+        let modules = modules_of(member);
         let prints = |code: &str| {
             code.match_indices("print").any(|(at, _)| {
                 let is_name = code[..at].ends_with(|letter: char| letter.is_alphanumeric() || letter == '_');
@@ -317,6 +374,6 @@ fn every_text_for_stdout_passes_through_one_place() {
         assert!(prints("println!(\"a\")") && !prints("eprintln!(\"a\")"));
         let wrong: Vec<_> =
             modules.iter().filter(|(_, code)| prints(code)).map(|(module, _)| module.join("::")).collect();
-        assert!(wrong.is_empty(), "{folder}: {wrong:?} print past skein_lab::terminal, where an error is noticed");
+        assert!(wrong.is_empty(), "{member}: {wrong:?} print past skein_lab::terminal, where an error is noticed");
     }
 }

@@ -11,9 +11,9 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
-use skein::cluster::bundle::{Bundle, BundleFile};
-use skein::cluster::protocol::{Answer, Ask, Facts, Request, Service};
-use skein::inventory::ServiceKind;
+use skein_cluster::bundle::{Bundle, BundleFile};
+use skein_cluster::inventory::ServiceKind;
+use skein_cluster::protocol::{Answer, Ask, Change, Facts, Request, Service, Setup};
 use skein_common::id::{SwarmName, VehicleId};
 use tempfile::TempDir;
 
@@ -94,7 +94,7 @@ impl Host {
 
     fn done(&self, release: &str, ask: Ask) -> (bool, Facts) {
         match self.ask(release, ask) {
-            Answer::Done { changed, facts, .. } => (changed, facts),
+            Answer::Done(Change { changed, facts, .. }) => (changed, facts),
             other => panic!("{other:?}\n{}", self.log()),
         }
     }
@@ -186,7 +186,7 @@ fn bundle(port: u16, altitude_m: f64) -> Bundle {
 }
 
 fn apply(bundle: &Bundle) -> Ask {
-    Ask::Apply { bundle: bundle.clone(), service: ServiceKind::Own, log: None }
+    Ask::Apply(Setup { bundle: bundle.clone(), service: ServiceKind::Own, log: None })
 }
 
 fn entries(folder: &Path) -> usize {
@@ -237,7 +237,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_removed() {
     assert!(running.pid == agent && running.installed.release == "r1");
     wait_until("the vehicle flies", || host.log().contains("vehicle 1 at altitude"));
     let stopped = host.ask("r2", Ask::Stop { within_s: 40.0 });
-    let Answer::Done { changed: true, forced: false, facts } = stopped else { panic!("{stopped:?}") };
+    let Answer::Done(Change { changed: true, forced: false, facts }) = stopped else { panic!("{stopped:?}") };
     assert!(facts.agent.is_none());
     let log = host.log();
     assert!(
@@ -283,7 +283,7 @@ fn a_node_is_installed_started_kept_alive_landed_and_removed() {
     let mut lines = BufReader::new(follower.stdout.take().unwrap()).lines();
     lines.next().unwrap().unwrap();
     let stopped = host.ask("r2", Ask::Stop { within_s: 0.0 });
-    assert!(matches!(stopped, Answer::Done { changed: true, forced: true, .. }), "{stopped:?}");
+    assert!(matches!(stopped, Answer::Done(Change { changed: true, forced: true, .. })), "{stopped:?}");
     // The forced end may kill the supervisor before it has written its last line. So the test waits for no particular line: it
     // closes the follower's input, which ends the follower, and reads what it has shown.
     std::thread::sleep(Duration::from_secs(1));
@@ -324,7 +324,7 @@ fn an_agent_that_hangs_is_restarted_and_so_is_one_on_a_full_disk() {
     let log = host.log();
     assert!(log.contains("supervisor: the agent hangs: silent for 10 s; it is killed\n"), "{log}");
     let stopped = host.ask("r1", Ask::Stop { within_s: 60.0 });
-    assert!(matches!(stopped, Answer::Done { changed: true, forced: false, .. }), "{stopped:?}");
+    assert!(matches!(stopped, Answer::Done(Change { changed: true, forced: false, .. })), "{stopped:?}");
 }
 
 /// What `/proc` says of a process in this line of a file, such as `CapEff:` of `status`.
@@ -377,7 +377,7 @@ fn an_agent_that_root_has_installed_gives_up_roots_capabilities() {
     wait_until("the vehicle flies", || host.log().contains("vehicle 1 at altitude"));
     assert!(!host.log().contains("root's capabilities"), "{}", host.log());
     let stopped = host.ask("r1", Ask::Stop { within_s: 60.0 });
-    assert!(matches!(stopped, Answer::Done { changed: true, forced: false, .. }), "{stopped:?}");
+    assert!(matches!(stopped, Answer::Done(Change { changed: true, forced: false, .. })), "{stopped:?}");
 }
 
 /// Runs a command of the program in this folder; returns its exit status and stderr.

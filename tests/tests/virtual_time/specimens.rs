@@ -7,8 +7,8 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use skein::inventory::Inventory;
 use skein_agent::inputs::InputsReader;
+use skein_cluster::inventory::Inventory;
 use skein_common::math;
 use skein_common::scenario::{Described, Scenario, Source, load_any};
 use skein_core::aircraft::Aircraft;

@@ -6,7 +6,7 @@ use std::io;
 use std::process::{Command, Stdio};
 
 use super::line;
-use crate::findings::Line;
+use skein_cluster::findings::Line;
 
 /// What a program of the firewall answered.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -81,7 +81,7 @@ fn verdict(answers: &[(&str, Answer)]) -> Line {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::findings::State;
+    use skein_cluster::findings::State;
 
     fn of(answers: [Answer; 4]) -> Line {
         let names = ["ufw", "firewalld", "nftables", "iptables"];

@@ -10,9 +10,9 @@ use skein_agent::unix;
 use skein_lab::out;
 
 use super::line;
-use crate::endpoints;
-use crate::findings::Line;
-use crate::os;
+use skein_cluster::endpoints;
+use skein_cluster::findings::Line;
+use skein_cluster::os;
 
 /// Below this free space a recording may not fit, bytes.
 const LITTLE_SPACE: u64 = 1 << 30;
@@ -170,7 +170,7 @@ fn python() -> Line {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::findings::State;
+    use skein_cluster::findings::State;
 
     #[test]
     fn a_busy_processor_and_an_unsynchronised_clock_are_warnings() {

@@ -5,11 +5,11 @@ use std::net::{Ipv4Addr, TcpListener};
 use std::time::Duration;
 
 use super::{firewall, line};
-use crate::cluster::host::probe;
-use crate::cluster::protocol::Reached;
-use crate::findings::Line;
 use crate::new::discover;
-use crate::ports;
+use skein_cluster::findings::Line;
+use skein_cluster::host::probe;
+use skein_cluster::ports;
+use skein_cluster::protocol::Reached;
 
 /// Number of agents for which ports are tried.
 const AGENTS: u16 = 16;
@@ -86,7 +86,7 @@ pub(super) fn beacon(wait: Duration) -> Line {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::findings::State;
+    use skein_cluster::findings::State;
 
     #[test]
     fn a_port_in_use_is_named() {

@@ -9,8 +9,8 @@ use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::findings::State;
 use crate::release::{ReleaseArgs, run as release};
+use skein_cluster::findings::State;
 
 #[derive(Parser)]
 struct Cli {

@@ -2,10 +2,10 @@
 
 use skein_core::aircraft::Profile;
 
-use crate::findings::Line;
-use crate::simulators::reset::RESET;
-use crate::simulators::survey::Survey;
-use crate::simulators::web::{WebApi, WebChoice, WebError};
+use skein_cluster::findings::Line;
+use skein_cluster::simulators::reset::RESET;
+use skein_cluster::simulators::survey::Survey;
+use skein_cluster::simulators::web::{WebApi, WebChoice, WebError};
 
 /// First version number with a Web API, and the first that starts flights.
 const FIRST: f32 = 121_100.0;

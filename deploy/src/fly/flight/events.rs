@@ -6,10 +6,10 @@ use skein_common::id::VehicleId;
 use skein_common::message::Order;
 
 use super::Flight;
-use crate::display::status::Stage;
 use crate::fly::children::ProcessRole;
 use crate::fly::script::ScriptedAction;
-use crate::order;
+use skein_cluster::display::status::Stage;
+use skein_cluster::mesh::order;
 use skein_lab::faults::{FROZEN, InjectedFault, OperatorOrder};
 
 /// Between two sayings of an order.

@@ -9,9 +9,9 @@ use skein_core::peers::FRESH_S;
 use skein_core::plant::{Controls, GroundTruth};
 
 use super::{Flight, fresh};
-use crate::display::status::Stage;
 use crate::fly::plan::Plan;
-use crate::observe::VehicleView;
+use skein_cluster::display::status::Stage;
+use skein_cluster::mesh::observe::VehicleView;
 use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::{Report, Totals, VehicleNow, VehicleTraffic, Wall};
 use skein_lab::scenario::quoted;

@@ -8,11 +8,11 @@ use skein_common::printable::printable;
 use skein_core::mission::landing;
 
 use super::{Flight, fresh};
-use crate::display::journal::{self, Alike, When};
-use crate::display::status::Stage;
 use crate::fly::children::{Ended, ProcessRole};
 use crate::fly::stream::{Happened, Line};
-use crate::os;
+use skein_cluster::display::journal::{self, Alike, When};
+use skein_cluster::display::status::Stage;
+use skein_cluster::os;
 
 /// No event takes more room on the screen, characters.
 const MAX_EVENT: usize = 400;

@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 
 use rustls_pki_types::pem::PemObject;
 use rustls_pki_types::{CertificateDer, PrivateKeyDer};
-use skein::inventory::Inventory;
-use skein::keys::Role;
 use skein_agent::link::{Security, Sessions};
+use skein_cluster::inventory::Inventory;
+use skein_cluster::keys::Role;
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::topic::{Cell, Topic};
 use tokio_rustls::rustls::crypto::ring;

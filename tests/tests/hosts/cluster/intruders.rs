@@ -15,12 +15,12 @@ use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair,
 use rustls_pki_types::CertificateDer;
 use rustls_pki_types::pem::PemObject;
 use serde_json::json;
-use skein::inventory::Inventory;
-use skein::keys::Role;
 use skein_agent::link::security::{PeerIdentity, Tls};
 use skein_agent::link::signature::SigningKey;
 use skein_agent::link::signature::messages::{ADDED_BYTES, KeyRing};
 use skein_agent::link::{Security, Sessions};
+use skein_cluster::inventory::Inventory;
+use skein_cluster::keys::Role;
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleName, VehicleSet};
 use skein_common::message::{self, Header, Heartbeat, Message, Order, Signature, State, Verb};

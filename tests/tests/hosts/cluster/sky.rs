@@ -10,9 +10,9 @@ use std::thread::{self, sleep};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
-use skein::inventory::Inventory;
-use skein::keys::Role;
-use skein::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::inventory::Inventory;
+use skein_cluster::keys::Role;
+use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
 use skein_common::message::Trace;
 use skein_common::state::PeerStatus;
 

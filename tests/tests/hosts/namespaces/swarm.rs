@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use skein::observe::{Observer, TraceSubscription};
-use skein::reach::{Flown, Reach};
+use skein_cluster::mesh::observe::{Observer, TraceSubscription};
+use skein_cluster::mesh::reach::{Flown, Reach};
 use skein_common::id::{SwarmName, VehicleId};
 use tempfile::TempDir;
 

@@ -6,9 +6,9 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
-use skein::endpoints;
-use skein::observe::{Observer, TraceSubscription};
-use skein::reach::Reach;
+use skein_cluster::endpoints;
+use skein_cluster::mesh::observe::{Observer, TraceSubscription};
+use skein_cluster::mesh::reach::Reach;
 use skein_common::state::Activity;
 use skein_common::topic::Branch;
 use tempfile::TempDir;

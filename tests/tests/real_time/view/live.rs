@@ -7,9 +7,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use skein::endpoints;
-use skein::observe::{Observer, SwarmMessage, TraceSubscription};
-use skein::reach::Reach;
+use skein_cluster::endpoints;
+use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::reach::Reach;
 use skein_common::id::SwarmName;
 use skein_common::message::Trace;
 use skein_common::topic::Branch;

@@ -8,9 +8,9 @@ use std::process::{Command, Stdio};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
-use skein::endpoints;
-use skein::observe::{Observer, SwarmMessage, TraceSubscription};
-use skein::reach::Reach;
+use skein_cluster::endpoints;
+use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::reach::Reach;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::SwarmName;
 use skein_common::message::Trace;

@@ -1,0 +1,77 @@
+//! Observes all of a cluster: its swarm, or every team of its fleet.
+
+use std::panic::resume_unwind;
+use std::thread;
+use std::time::Instant;
+
+use skein_common::id::VehicleName;
+use skein_common::message::Health;
+
+use super::{ObserveError, Observer, TraceSubscription, VehicleView, run_in_flight};
+use crate::mesh::reach::Reach;
+
+/// An observer of the swarm, or of each team of the fleet.
+pub struct Observers(Vec<Observer>);
+
+impl Observers {
+    /// Connects to all of them at once.
+    ///
+    /// # Errors
+    /// The errors of [`Observer::open`].
+    pub fn open(reaches: &[Reach], steps: TraceSubscription) -> Result<Self, ObserveError> {
+        let opened: Result<Vec<_>, _> = thread::scope(|scope| {
+            let opening: Vec<_> = reaches.iter().map(|reach| scope.spawn(|| Observer::open(reach, steps))).collect();
+            opening.into_iter().map(|opening| opening.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
+        });
+        opened.map(Self)
+    }
+
+    /// The observer of each swarm or team, in the order of the teams.
+    pub fn each(&mut self) -> &mut [Observer] {
+        &mut self.0
+    }
+
+    /// The observer of each swarm or team, as [`Self::each`].
+    pub fn all(&self) -> &[Observer] {
+        &self.0
+    }
+
+    /// Receives all messages that have arrived.
+    pub fn poll(&mut self) {
+        self.0.iter_mut().for_each(|observer| drop(observer.poll()));
+    }
+
+    /// The newest data of this vehicle, if it has appeared or sent a message.
+    pub fn view(&self, name: VehicleName) -> Option<&VehicleView> {
+        self.of(name)?.vehicles().get(&name.vehicle)
+    }
+
+    /// The newest data of every vehicle that has appeared or sent a message.
+    pub fn views(&self) -> impl Iterator<Item = (VehicleName, &VehicleView)> + Clone {
+        self.0.iter().flat_map(|observer| {
+            let branch = observer.branch;
+            observer.vehicles().iter().map(move |(id, view)| (branch.name(*id), view))
+        })
+    }
+
+    /// The run that the vehicles fly in, as [`Observer::run`], by those of all teams: teams of one fleet fly in one run.
+    pub fn run(&self) -> Option<u64> {
+        run_in_flight(self.views().map(|(_, view)| view), self.0.first().and_then(|observer| observer.own_run))
+    }
+
+    /// The newest health report of a vehicle, as [`Observer::health_of`], in the run that all teams fly in.
+    pub fn health_of(&self, name: VehicleName) -> Option<(&Health, Instant)> {
+        self.of(name)?.health_in(name.vehicle, self.run())
+    }
+
+    fn of(&self, name: VehicleName) -> Option<&Observer> {
+        self.0.iter().find(|observer| observer.branch.team() == name.team)
+    }
+}
+
+#[cfg(test)]
+impl From<Observer> for Observers {
+    fn from(observer: Observer) -> Self {
+        Self(vec![observer])
+    }
+}

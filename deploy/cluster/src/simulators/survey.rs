@@ -1,0 +1,228 @@
+//! Asks one X-Plane for many values at once, and writes single ones: for the commands that check it and give its controls
+//! back. An agent's own link is [`skein_agent::plant::xplane::XPlane`].
+
+use std::collections::BTreeMap;
+use std::io;
+use std::net::{SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+use ring::rand::{SecureRandom, SystemRandom};
+use skein_agent::plant::xplane::wire::dref::Write;
+use skein_agent::plant::xplane::wire::operation::Command;
+use skein_agent::plant::xplane::wire::prel::Placement;
+use skein_agent::plant::xplane::wire::rpos::{self, Position, PositionRequest};
+use skein_agent::plant::xplane::wire::rref::{self, DatarefRequest};
+use skein_agent::plant::xplane::{listen_for, simulator};
+use skein_host::clock;
+use skein_lab::error::Error;
+
+/// Values a second that are asked for.
+const VALUES_HZ: u32 = 10;
+/// Number of requests that are sent at once, and the time between two such batches: X-Plane takes about 148 a frame.
+const BATCH: usize = 100;
+const BATCH_EVERY: Duration = Duration::from_millis(100);
+/// Requests are sent again after this time to a simulator that has not answered: datagrams are lost.
+const ASK_AGAIN: Duration = Duration::from_secs(1);
+/// A simulator that has sent nothing in this time is given up.
+pub const SILENT: Duration = Duration::from_secs(2);
+/// Size of the largest datagram that is received.
+const LARGEST: usize = 2048;
+/// Largest random first index: the indices above it are still positive.
+const FIRST_INDEX_MASK: i32 = 0x3FFF_FFFF;
+
+/// A datagram as it arrived, s after the survey began.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Arrived {
+    /// When it came, s after the survey began.
+    pub after_s: f64,
+    /// Its contents.
+    pub bytes: Vec<u8>,
+}
+
+/// The answers of one X-Plane.
+#[derive(Clone, Debug, Default)]
+pub struct Survey {
+    /// Newest value of each dataref that answered.
+    pub values: BTreeMap<String, f32>,
+    /// When positions came, s after the survey began.
+    pub positions_s: Vec<f64>,
+    /// The newest position.
+    pub position: Option<Position>,
+    /// Datagrams of this simulator that follow no known layout.
+    pub malformed: u64,
+    /// All datagrams, if they are kept.
+    pub datagrams: Vec<Arrived>,
+}
+
+/// A socket to one X-Plane.
+#[derive(Debug)]
+pub struct Surveyor {
+    socket: UdpSocket,
+    simulator: SocketAddr,
+}
+
+impl Surveyor {
+    /// Opens a socket for the X-Plane at `HOST[:PORT]`.
+    ///
+    /// # Errors
+    /// If the address is unknown, or no socket can be opened.
+    pub fn open(address: &str) -> Result<Self, Error> {
+        let simulator = simulator(address).map_err(|error| Error::Refused(error.to_string()))?;
+        let socket = UdpSocket::bind((listen_for(simulator.ip()), 0))
+            .map_err(|error| Error::Failed(format!("cannot open a UDP socket: {error}")))?;
+        Ok(Self { socket, simulator })
+    }
+
+    /// Address of the simulator.
+    pub fn simulator(&self) -> SocketAddr {
+        self.simulator
+    }
+
+    /// Asks for these datarefs and, at `positions_hz` (0: none), for positions; receives for this time, or until all
+    /// datarefs have answered if no positions are wanted, or until it is clear that nothing answers; then ends the subscriptions.
+    ///
+    /// # Errors
+    /// If the system provides no random numbers.
+    pub fn survey(
+        &self,
+        datarefs: &[String],
+        positions_hz: u32,
+        time: Duration,
+        keeps_datagrams: bool,
+    ) -> Result<Survey, Error> {
+        let first = first_index()?;
+        let begin = clock::now();
+        let mut survey = Survey::default();
+        self.subscribe(datarefs, first, VALUES_HZ, positions_hz);
+        let mut asked = begin;
+        let mut buffer = [0; LARGEST];
+        while clock::now() < begin + time {
+            let is_silent = survey.values.is_empty() && survey.position.is_none();
+            if is_silent && clock::now() >= asked + ASK_AGAIN {
+                self.subscribe(datarefs, first, VALUES_HZ, positions_hz);
+                asked = clock::now();
+            }
+            let is_complete = positions_hz == 0 && survey.values.len() == datarefs.len();
+            if is_complete || is_silent && clock::now() >= begin + SILENT {
+                break;
+            }
+            let Some(size) = self.receive(&mut buffer, (begin + time).min(asked + ASK_AGAIN)) else { continue };
+            let after_s = clock::now().saturating_duration_since(begin).as_secs_f64();
+            survey.take(&buffer[..size], datarefs, first, after_s);
+            if keeps_datagrams {
+                survey.datagrams.push(Arrived { after_s, bytes: buffer[..size].to_vec() });
+            }
+        }
+        self.subscribe(datarefs, first, 0, 0);
+        Ok(survey)
+    }
+
+    /// Writes a value, three times because X-Plane does not acknowledge it.
+    pub fn write(&self, path: &str, value: f32) {
+        let mut bytes = Vec::new();
+        if (Write { value, path }).encode(&mut bytes).is_ok() {
+            (0..3).for_each(|_| self.send(&bytes));
+        }
+    }
+
+    /// Places an aircraft, three times because X-Plane does not acknowledge it.
+    pub(crate) fn place(&self, placement: &Placement) {
+        let mut bytes = Vec::new();
+        placement.encode(&mut bytes);
+        (0..3).for_each(|_| self.send(&bytes));
+    }
+
+    /// Runs a command of X-Plane, once.
+    pub fn command(&self, path: &str) {
+        let mut bytes = Vec::new();
+        if (Command { path }).encode(&mut bytes).is_ok() {
+            self.send(&bytes);
+        }
+    }
+
+    /// Sends a datagram; a lost one shows as a simulator that does not answer.
+    fn send(&self, bytes: &[u8]) {
+        let _ = self.socket.send_to(bytes, self.simulator);
+    }
+
+    fn subscribe(&self, datarefs: &[String], first: i32, values_hz: u32, positions_hz: u32) {
+        let mut bytes = Vec::new();
+        // A lost request shows as a silent dataref; the first requests are repeated.
+        if positions_hz > 0 || values_hz == 0 {
+            PositionRequest { rate_hz: positions_hz }.encode(&mut bytes);
+            self.send(&bytes);
+        }
+        for (nth, path) in datarefs.iter().enumerate() {
+            if nth > 0 && nth % BATCH == 0 {
+                clock::sleep(BATCH_EVERY);
+            }
+            let request = DatarefRequest { frequency_hz: values_hz, index: first + nth as i32, path };
+            if request.encode(&mut bytes).is_ok() {
+                self.send(&bytes);
+            }
+        }
+    }
+
+    /// Size of the next datagram from the simulator's address; `None` if none comes in time.
+    fn receive(&self, buffer: &mut [u8], deadline: Instant) -> Option<usize> {
+        loop {
+            let left = deadline.saturating_duration_since(clock::now()).max(Duration::from_millis(1));
+            self.socket.set_read_timeout(Some(left)).ok()?;
+            match self.socket.recv_from(buffer) {
+                Ok((size, from)) if from.ip() == self.simulator.ip() => return Some(size),
+                Ok(_) => {}
+                // On some systems a refusing host makes the next receive fail; the wait continues.
+                Err(error) if error.kind() == io::ErrorKind::ConnectionReset => clock::sleep(Duration::from_millis(10)),
+                Err(_) => return None,
+            }
+            if clock::now() >= deadline {
+                return None;
+            }
+        }
+    }
+}
+
+impl Survey {
+    /// The value of a dataref, if it answered.
+    pub fn value(&self, path: &str) -> Option<f32> {
+        self.values.get(path).copied()
+    }
+
+    /// Whether anything came.
+    pub fn has_answered(&self) -> bool {
+        !self.values.is_empty() || self.position.is_some()
+    }
+
+    fn take(&mut self, datagram: &[u8], datarefs: &[String], first: i32, after_s: f64) {
+        match datagram.first_chunk() {
+            Some(&rpos::TAG) => match Position::decode(datagram) {
+                Ok(position) => {
+                    self.position = Some(position);
+                    self.positions_s.push(after_s);
+                }
+                Err(_) => self.malformed += 1,
+            },
+            Some(&rref::TAG) => match rref::decode_values(datagram) {
+                Ok(values) => {
+                    for (index, value) in values {
+                        // Indices of another program's subscription are not ours.
+                        let nth = index.checked_sub(first).and_then(|nth| usize::try_from(nth).ok());
+                        if let Some(path) = nth.and_then(|nth| datarefs.get(nth)) {
+                            self.values.insert(path.clone(), value);
+                        }
+                    }
+                }
+                Err(_) => self.malformed += 1,
+            },
+            _ => self.malformed += 1,
+        }
+    }
+}
+
+fn first_index() -> Result<i32, Error> {
+    let mut bytes = [0; 4];
+    SystemRandom::new()
+        .fill(&mut bytes)
+        .map_err(|_| Error::Failed("this system provides no random numbers".to_owned()))?;
+    Ok(i32::from_le_bytes(bytes) & FIRST_INDEX_MASK)
+}

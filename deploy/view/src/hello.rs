@@ -1,0 +1,110 @@
+//! What a page receives first: the swarm, its vehicles, and the scenario that they fly.
+
+use serde::Serialize;
+use serde_json::{Value, json};
+use skein_common::id::VehicleName;
+use skein_common::scenario::{Scenario, Step, Target};
+use skein_core::deadlines::Deadline;
+use skein_lab::metrics::{COLLISION_M, Run};
+
+use super::snapshot::{Team, drawn_formation, safety_distance_m};
+use skein_cluster::display::status;
+
+/// Version of the protocol between page and server.
+const VERSION: u32 = 1;
+
+/// Where the snapshots come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum SourceKind {
+    Live,
+    Recording,
+}
+
+/// Which orders the page may give.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum OrderRule {
+    Refused,
+    Allowed,
+    AllowedWithToken,
+}
+
+/// First and last time of a recording, s.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Span {
+    pub(super) from_s: Option<f64>,
+    pub(super) to_s: Option<f64>,
+}
+
+/// The message. `teams` are the swarm, or the teams of the fleet.
+pub(super) fn hello(teams: &[Team], source: SourceKind, title: &str, span: Span, orders: OrderRule) -> String {
+    let first = teams.first();
+    let scenarios: Vec<Value> = teams.iter().map(|team| scenario(&team.scenario)).collect();
+    let common = scenarios.first();
+    let of_team = |(team, own): (&Team, &Value)| {
+        let id = team.id()?;
+        let place_ne_m = team.scenario.team.map(|team| team.place_ne_m);
+        let mut about = json!({ "id": id, "name": format!("team {id}"), "place_ne_m": place_ne_m });
+        if let (true, Some(about)) = (Some(own) != common, about.as_object_mut()) {
+            about.insert("scenario".to_owned(), own.clone());
+        }
+        Some(about)
+    };
+    let vehicle = |name: VehicleName| json!({ "id": name.to_string(), "team": name.team, "number": name.vehicle });
+    let vehicles = teams.iter().flat_map(|team| team.scenario.ids().map(|id| vehicle(team.name(id))));
+    json!({
+        "type": "hello",
+        "version": VERSION,
+        "source": source,
+        "swarm": first.map(|team| team.scenario.swarm.name.as_str()),
+        "title": title,
+        "orders": orders != OrderRule::Refused,
+        "needs_token": orders == OrderRule::AllowedWithToken,
+        "duration_s": first.and_then(|team| team.scenario.duration_s),
+        "from_s": span.from_s,
+        "to_s": span.to_s,
+        "scenario": common,
+        "vehicles": vehicles.collect::<Vec<_>>(),
+        "teams": teams.iter().zip(&scenarios).filter_map(of_team).collect::<Vec<_>>(),
+    })
+    .to_string()
+}
+
+/// What the page draws of a scenario. Places are relative to the swarm's origin, in a fleet to the team's.
+fn scenario(scenario: &Scenario) -> Value {
+    let origin = scenario.team.map_or(scenario.origin, |team| team.origin);
+    json!({
+        "name": scenario.name,
+        "law": scenario.formation.law.name(),
+        "plant": Run::new(scenario, "fly").plant,
+        "vehicles": scenario.swarm.vehicles,
+        "origin": {
+            "latitude_deg": origin.latitude_deg,
+            "longitude_deg": origin.longitude_deg,
+            "elevation_m": origin.elevation_m,
+        },
+        "safety_distance_m": safety_distance_m(&scenario.formation),
+        "collision_distance_m": COLLISION_M,
+        "even": status::has_gaps(scenario, None),
+        "airspace": scenario.airspace,
+        "network": { "stale_s": Deadline::StateOld.after_s(), "lost_s": scenario.network.peer_stale_s },
+        "steps": scenario.mission.steps.iter().map(step).collect::<Vec<_>>(),
+    })
+}
+
+fn step(step: &Step) -> Value {
+    let (kind, centre_ne_m, path_ne_m, hold_s) = match &step.target {
+        Target::Centre(centre_ne_m) => ("centre", Some(centre_ne_m), None, None),
+        Target::Path(path_ne_m) => ("path", None, Some(path_ne_m), None),
+        Target::Hold(hold_s) => ("hold", None, None, Some(hold_s)),
+        Target::Land(_) => ("land", None, None, None),
+    };
+    json!({
+        "name": step.name,
+        "kind": kind,
+        "centre_ne_m": centre_ne_m,
+        "path_ne_m": path_ne_m,
+        "hold_s": hold_s,
+        "formation": drawn_formation(&step.formation),
+    })
+}

@@ -1,0 +1,442 @@
+//! Watches a live swarm for the page, on a thread of its own, and never gives up: a swarm that does not answer yet, or has ended,
+//! is looked for again and again.
+//!
+//! The vehicles compute and send their summaries only while a page is open. Events are kept from the start of the server on.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::body::Bytes;
+use axum::extract::ws::Utf8Bytes;
+use serde_json::json;
+use skein_common::id::VehicleId;
+use skein_common::message::Severity;
+use skein_common::scenario::Described;
+use skein_host::clock;
+use skein_lab::error::Error;
+use skein_lab::terminal::complain;
+use tokio::sync::watch;
+
+use super::events::EventLog;
+use super::field::{self, Field};
+use super::foxglove;
+use super::hello::{self, OrderRule, SourceKind, Span};
+use super::snapshot::{ObservedVehicle, Snapshot, Team, add_nearest, team_place, vehicles};
+use super::verdict::{self, Judged};
+use skein_cluster::display::status::Known;
+use skein_cluster::endpoints;
+use skein_cluster::keys::Role;
+use skein_cluster::mesh::observe::{Observer, Observers, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::reach::{Place, Reach, SwarmArgs};
+
+/// Time between two snapshots.
+const PERIOD: Duration = Duration::from_millis(100);
+/// Time between two attempts to find the swarm, and between two looks at whether it is still the same.
+const RETRY: Duration = Duration::from_secs(1);
+/// A swarm of which no agent has answered for this long is reported.
+const SILENT_AFTER: Duration = Duration::from_secs(3);
+/// The vehicles' summaries may take this long after a page has opened: only then a vehicle without one is shown without.
+const SUMMARIES_WITHIN: Duration = Duration::from_secs(2);
+
+/// Why nothing can be shown.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Problem {
+    text: String,
+    remedy: String,
+}
+
+/// The message about a problem, or about its end.
+pub(super) fn problem_message(problem: Option<&Problem>) -> String {
+    match problem {
+        Some(Problem { text, remedy }) => json!({ "type": "problem", "text": text, "remedy": remedy }),
+        None => json!({ "type": "problem", "text": null }),
+    }
+    .to_string()
+}
+
+/// What there is to show.
+#[derive(Default)]
+pub(super) struct Frame {
+    /// The first message to a page, and its number: another swarm has another one.
+    pub(super) hello: Option<(Utf8Bytes, u64)>,
+    pub(super) problem: Option<Problem>,
+    pub(super) events: Arc<EventLog>,
+    /// When the flight began, as far as is known.
+    pub(super) zero: Option<Instant>,
+    pub(super) snapshot: Option<Snapshot>,
+    /// The message with the whole snapshot, made once for all pages.
+    pub(super) json: Option<Utf8Bytes>,
+    /// The places of a large swarm.
+    pub(super) places: Option<Bytes>,
+    /// The swarm that is shown, and that an order of the page is to.
+    pub(super) place: Option<Arc<Place>>,
+    /// What the snapshot was made of, for the fields.
+    swarm: Option<Arc<Vec<Team>>>,
+    observed: Vec<Vec<ObservedVehicle>>,
+}
+
+impl Frame {
+    /// The field of the vehicle with this name.
+    pub(super) fn field(&self, name: &str) -> Field {
+        let teams = self.swarm.iter().flat_map(|teams| teams.iter()).zip(&self.observed);
+        for (team, observed) in teams {
+            let id = observed.iter().map(|vehicle| vehicle.known.id).find(|id| team.name(*id).to_string() == name);
+            if let Some(id) = id {
+                return field::field(team, observed, id);
+            }
+        }
+        Field::Unknown(())
+    }
+
+    /// The swarm, or the teams of the fleet, with what was observed of each.
+    pub(super) fn observed(&self) -> Option<(&[Team], &[Vec<ObservedVehicle>])> {
+        Some((self.swarm.as_ref()?.as_slice(), self.observed.as_slice()))
+    }
+}
+
+/// What is watched, and for whom besides the pages.
+pub(super) struct Watch {
+    /// Chooses the swarm.
+    pub(super) swarm: SwarmArgs,
+    /// What the pages receive about orders.
+    pub(super) orders: OrderRule,
+    pub(super) foxglove: Option<foxglove::Live>,
+    /// What keeps the pages empty is written to stderr too.
+    pub(super) is_reported: bool,
+}
+
+/// Watches a swarm for what receives the `frames` and for Foxglove, until `is_over`.
+pub(super) fn watch(watch: Watch, frames: &watch::Sender<Arc<Frame>>, is_over: impl Fn() -> bool) {
+    let Watch { swarm, orders, foxglove, is_reported } = watch;
+    let (events, next_try) = (Arc::default(), clock::now());
+    let report = is_reported.then(ProblemLog::default);
+    let mut watcher =
+        Watcher { swarm, orders, events, number: 0, watched: None, problem: None, next_try, foxglove, report };
+    let mut next = clock::now();
+    while !is_over() {
+        let now = clock::now();
+        watcher.look(now);
+        frames.send_replace(Arc::new(watcher.frame(now, frames.receiver_count() > 0)));
+        next = (next + PERIOD).max(now);
+        clock::sleep(next.saturating_duration_since(clock::now()));
+    }
+}
+
+struct Watcher {
+    swarm: SwarmArgs,
+    orders: OrderRule,
+    events: Arc<EventLog>,
+    /// Number of the swarms that were found.
+    number: u64,
+    watched: Option<Watched>,
+    problem: Option<Problem>,
+    next_try: Instant,
+    foxglove: Option<foxglove::Live>,
+    /// What was written to stderr, if it is to be.
+    report: Option<ProblemLog>,
+}
+
+/// What the operator at the terminal knows of what keeps the pages empty.
+#[derive(Debug, Default)]
+struct ProblemLog {
+    /// The present problem, and since when.
+    present: Option<(Problem, Instant)>,
+    /// The problem was written.
+    is_written: bool,
+}
+
+impl ProblemLog {
+    /// Takes in the present problem. Returns what is to be written: a problem that lasts, and its end.
+    fn take(&mut self, problem: Option<&Problem>, now: Instant) -> Option<String> {
+        let Some(problem) = problem else {
+            self.present = None;
+            return std::mem::take(&mut self.is_written).then(|| "the swarm answers".to_owned());
+        };
+        match &self.present {
+            Some((present, since)) if present == problem => {
+                let is_due = !self.is_written && now.saturating_duration_since(*since) >= SILENT_AFTER;
+                self.is_written |= is_due;
+                is_due.then(|| format!("{}; {}", problem.text, problem.remedy))
+            }
+            _ => {
+                (self.present, self.is_written) = (Some((problem.clone(), now)), false);
+                None
+            }
+        }
+    }
+}
+
+/// A swarm that was found.
+struct Watched {
+    place: Arc<Place>,
+    reaches: Vec<Reach>,
+    observers: Observers,
+    teams: Arc<Vec<Team>>,
+    hello: Utf8Bytes,
+    /// When an agent was last in contact, or the swarm was found.
+    answered: Instant,
+    zero: Option<Instant>,
+    /// Since when pages want pictures, if they do.
+    wanted: Option<Instant>,
+    /// Since then enough has arrived for the first picture.
+    is_complete: bool,
+    /// Other swarms of this PC, looked for while no agent of this one answers.
+    others: Option<String>,
+}
+
+impl Watcher {
+    /// Finds the swarm, or takes in what it has sent.
+    fn look(&mut self, now: Instant) {
+        if now >= self.next_try {
+            self.next_try = now + RETRY;
+            let is_other = self.watched.as_ref().is_none_or(|watched| watched.place.is_replaced());
+            if is_other {
+                self.find(now);
+            }
+            if let (Some(watched), Some(_)) = (&mut self.watched, &self.problem) {
+                watched.look_for_others();
+            }
+        }
+        self.take(now);
+        let news = self.report.as_mut().and_then(|report| report.take(self.problem.as_ref(), now));
+        news.iter().for_each(|line| complain(line));
+        if let Some(foxglove) = &mut self.foxglove {
+            foxglove.look(now, self.problem.as_ref().map(|Problem { text, remedy }| format!("{text}: {remedy}")));
+        }
+    }
+
+    fn take(&mut self, now: Instant) {
+        let Some(watched) = &mut self.watched else { return };
+        watched.take(&self.events, self.foxglove.as_mut());
+        let is_alive = watched.observers.views().any(|(_, view)| view.alive);
+        if is_alive {
+            watched.answered = now;
+        }
+        let is_silent = now.saturating_duration_since(watched.answered) >= SILENT_AFTER;
+        self.problem = is_silent.then(|| watched.silence());
+    }
+
+    fn find(&mut self, now: Instant) {
+        match Watched::open(&self.swarm, self.orders, now) {
+            Ok((watched, described)) => {
+                if let Some(foxglove) = &mut self.foxglove {
+                    foxglove.found(&described);
+                }
+                // From now on this swarm is meant, even if another one begins to fly here.
+                if let Place::Here(there) = &*watched.place {
+                    self.swarm.swarm = Some(there.swarm.clone());
+                }
+                self.number += 1;
+                (self.watched, self.problem) = (Some(watched), None);
+            }
+            // What was found before stays on the page.
+            Err(_) if self.watched.is_some() => {}
+            Err(error) => {
+                let remedy =
+                    "start a swarm with `skein fly`, or name a cluster with -f CLUSTER.toml; this page keeps looking";
+                self.problem = Some(Problem { text: error.to_string(), remedy: remedy.to_owned() });
+            }
+        }
+    }
+
+    /// What there is to show now; it is computed only for a page.
+    fn frame(&mut self, now: Instant, is_wanted: bool) -> Frame {
+        let (events, problem) = (Arc::clone(&self.events), self.problem.clone());
+        let Some(watched) = &mut self.watched else { return Frame { events, problem, ..Frame::default() } };
+        let hello = Some((watched.hello.clone(), self.number));
+        let place = Some(Arc::clone(&watched.place));
+        watched.wanted = watched.wanted.filter(|_| is_wanted).or(is_wanted.then_some(now));
+        for observer in watched.observers.each() {
+            if let Err(error) = observer.subscribe_to_summaries(is_wanted) {
+                tracing::warn!("cannot subscribe to the summaries: {error}");
+            }
+        }
+        if !watched.has_summaries(now) {
+            return Frame { hello, events, problem, zero: watched.zero, place, ..Frame::default() };
+        }
+        let (snapshot, observed) = watched.snapshot(now);
+        let json = snapshot.to_json(&BTreeSet::new(), None::<&Field>);
+        let places = snapshot.places().map(Bytes::from);
+        Frame {
+            hello,
+            problem,
+            events,
+            zero: watched.zero,
+            json: Some(json.into()),
+            places,
+            snapshot: Some(snapshot),
+            place,
+            swarm: Some(Arc::clone(&watched.teams)),
+            observed,
+        }
+    }
+}
+
+impl Watched {
+    fn open(swarm: &SwarmArgs, orders: OrderRule, now: Instant) -> Result<(Self, Described), Error> {
+        let place = Arc::new(swarm.choose()?);
+        let reaches = place.reach_teams(Role::Observer, &[])?;
+        let described = place.described()?;
+        let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
+        let observers = Observers::open(&reaches, TraceSubscription::Off)?;
+        let hello = hello::hello(&teams, SourceKind::Live, place.swarm().as_str(), Span::default(), orders).into();
+        let (teams, zero, wanted) = (Arc::new(teams), None, None);
+        let (answered, is_complete, others) = (now, false, None);
+        let watched = Self { place, reaches, observers, teams, hello, answered, zero, wanted, is_complete, others };
+        Ok((watched, described))
+    }
+
+    /// Looks for other swarms of this PC, which the operator may have meant.
+    fn look_for_others(&mut self) {
+        if let Place::Here(there) = &*self.place {
+            self.others = endpoints::others(&endpoints::folder(), &there.swarm);
+        }
+    }
+
+    /// Whether every vehicle in contact has sent its summary since pages want pictures, or had the time to: a vehicle that was not
+    /// asked before is not silent.
+    fn has_summaries(&mut self, now: Instant) -> bool {
+        let Some(wanted) = self.wanted else {
+            self.is_complete = false;
+            return false;
+        };
+        let mut there = self.observers.views().filter(|(_, view)| view.alive).peekable();
+        let have_all = there.peek().is_some() && there.all(|(_, view)| view.newest().is_some());
+        self.is_complete |= have_all || now.saturating_duration_since(wanted) >= SUMMARIES_WITHIN;
+        self.is_complete
+    }
+
+    /// Takes in what the vehicles have sent, and keeps what happened to them.
+    fn take(&mut self, log: &EventLog, mut foxglove: Option<&mut foxglove::Live>) {
+        for observer in self.observers.each() {
+            let branch = observer.branch();
+            let name = |id: VehicleId| branch.name(id);
+            if let Err(error) = observer.subscribe_to_traces(foxglove.as_ref().is_some_and(|live| live.is_read())) {
+                tracing::warn!("cannot subscribe to the traces: {error}");
+            }
+            for (received, at) in observer.poll_timed() {
+                if let Some(foxglove) = &mut foxglove {
+                    foxglove.take(&received, at);
+                }
+                match received {
+                    SwarmMessage::Event(event) => {
+                        log.add(at, name(event.header.sender), event.what.to_string(), event.what.severity());
+                    }
+                    SwarmMessage::Appeared(id) => {
+                        log.add(at, name(id), "appeared".to_owned(), Severity::Info);
+                    }
+                    SwarmMessage::Vanished(id) => {
+                        log.add(at, name(id), "disappeared".to_owned(), Severity::Error);
+                    }
+                    SwarmMessage::Trace(_)
+                    | SwarmMessage::Summary(_)
+                    | SwarmMessage::Health(_)
+                    | SwarmMessage::Mission(_) => {}
+                }
+            }
+        }
+    }
+
+    /// Why no agent answers.
+    fn silence(&self) -> Problem {
+        let title = match self.reaches.as_slice() {
+            [only] => only.title(),
+            _ => format!("fleet {}", self.place.swarm()),
+        };
+        let refused: u64 = self.observers.all().iter().map(Observer::refused_links).sum();
+        if refused > 0 {
+            let text = format!("the agents of {title} refuse the certificate of this PC, or this PC refuses theirs");
+            return Problem { text, remedy: "copy the cluster's keys of the role observer to this PC".to_owned() };
+        }
+        let first = self.reaches.iter().find_map(|reach| reach.agents.values().next());
+        let at = first.map_or_else(String::new, |first| format!(" at {first} and its other addresses"));
+        let remedy = match &*self.place {
+            Place::Here(_) => {
+                let others = self.others.as_ref().map_or_else(String::new, |others| format!("; {others}"));
+                format!("start it with `skein fly`, or see what became of it in {}{others}", self.log_folder())
+            }
+            Place::Cluster(_) => "`skein cluster status` shows which nodes run".to_owned(),
+        };
+        Problem { text: format!("no agent of {title} answers{at}"), remedy }
+    }
+
+    fn log_folder(&self) -> String {
+        match &*self.place {
+            Place::Here(there) => there.out.display().to_string(),
+            Place::Cluster(_) => String::new(),
+        }
+    }
+
+    /// The swarm now, and what that was made of.
+    fn snapshot(&mut self, now: Instant) -> (Snapshot, Vec<Vec<ObservedVehicle>>) {
+        let observed: Vec<Vec<ObservedVehicle>> =
+            self.teams.iter().zip(self.observers.all()).map(|(team, observer)| observe(team, observer, now)).collect();
+        let shown: Vec<_> = self.teams.iter().zip(&observed).map(|(team, observed)| vehicles(team, observed)).collect();
+        let mut all: Vec<_> = shown.iter().flat_map(|(_, vehicles)| vehicles.iter().cloned()).collect();
+        add_nearest(&mut all);
+        let mut rest = all.as_slice();
+        let mut judged = Vec::new();
+        for ((team, observed), (rows, own)) in self.teams.iter().zip(&observed).zip(&shown) {
+            let (vehicles, behind) = rest.split_at(own.len());
+            rest = behind;
+            judged.push(Judged { team, observed, rows, vehicles });
+        }
+        let status = verdict::status(&judged);
+        let teams = judged.iter().filter_map(|judged| team_place(judged.team, judged.vehicles)).collect();
+        if let Some(flown_s) = flown_s(&observed) {
+            let zero = now.checked_sub(Duration::from_secs_f64(flown_s));
+            // Between two steps of an agent its time of flight stands still: the beginning that was found first is kept.
+            let is_other = |known: Instant| zero.is_some_and(|zero| zero.max(known) - zero.min(known) > RETRY);
+            self.zero = self.zero.filter(|known| !is_other(*known)).or(zero);
+        }
+        let t_s = self.zero.map(|zero| now.saturating_duration_since(zero).as_secs_f64());
+        (Snapshot { t_s, at_ms: clock::utc_nanoseconds() / 1_000_000, status, vehicles: all, teams }, observed)
+    }
+}
+
+/// What is known of each vehicle of a team.
+fn observe(team: &Team, observer: &Observer, now: Instant) -> Vec<ObservedVehicle> {
+    let observed = |id: VehicleId| {
+        let view = observer.vehicles().get(&id);
+        let order = view.and_then(|view| view.orders.obeyed_by(id)).map(|order| order.verb);
+        ObservedVehicle { known: Known::new(id, view, None, now), order }
+    };
+    team.scenario.ids().map(observed).collect()
+}
+
+/// Time of flight by the vehicles' own clocks, s: the median, which a restarted vehicle does not change.
+fn flown_s(observed: &[Vec<ObservedVehicle>]) -> Option<f64> {
+    let flown = |vehicle: &ObservedVehicle| {
+        let (sample, silent) = vehicle.known.newest.as_ref()?;
+        Some(sample.flown_s? + silent.as_secs_f64())
+    };
+    let mut all: Vec<f64> = observed.iter().flatten().filter_map(flown).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_problem_that_lasts_is_reported_once_and_its_end_too() {
+        let mut report = ProblemLog::default();
+        let zero = clock::now();
+        let at = |s: u64| zero + Duration::from_secs(s);
+        let problem = |text: &str| Some(Problem { text: text.to_owned(), remedy: "start it".to_owned() });
+        let mut take = |problem: Option<Problem>, s: u64| report.take(problem.as_ref(), at(s));
+        assert_eq!(take(None, 0), None);
+        assert_eq!(take(problem("no swarm"), 1), None);
+        assert_eq!(take(problem("no swarm"), 3), None, "it may be about to begin");
+        assert_eq!(take(problem("no swarm"), 4).as_deref(), Some("no swarm; start it"));
+        assert_eq!(take(problem("no swarm"), 60), None, "once");
+        assert_eq!(take(problem("no agent"), 61), None);
+        assert_eq!(take(problem("no agent"), 64).as_deref(), Some("no agent; start it"));
+        assert_eq!(take(None, 65).as_deref(), Some("the swarm answers"));
+        assert_eq!(take(None, 66), None);
+        assert_eq!(take(problem("no agent"), 67), None);
+        assert_eq!(take(None, 68), None, "a problem that was not reported ends unreported");
+    }
+}
