@@ -3,6 +3,7 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 use skein_common::id::VehicleName;
+use skein_common::message::{FACTS, Fact, FactLine};
 use skein_common::scenario::{Scenario, Step, Target};
 use skein_core::deadlines::Deadline;
 use skein_lab::metrics::{COLLISION_M, Run};
@@ -64,10 +65,17 @@ pub(super) fn hello(teams: &[Team], source: SourceKind, title: &str, span: Span,
         "from_s": span.from_s,
         "to_s": span.to_s,
         "scenario": common,
+        "facts": FACTS.iter().filter_map(card_line).collect::<Vec<_>>(),
         "vehicles": vehicles.collect::<Vec<_>>(),
         "teams": teams.iter().zip(&scenarios).filter_map(of_team).collect::<Vec<_>>(),
     })
     .to_string()
+}
+
+/// How the page's card of a vehicle shows a fact; `None` if it does not.
+fn card_line(Fact { key, factor, decimals, line, .. }: &Fact) -> Option<Value> {
+    let FactLine { name, unit, about } = (*line)?;
+    Some(json!({ "key": key, "name": name, "about": about, "factor": factor, "decimals": decimals, "unit": unit }))
 }
 
 /// What the page draws of a scenario. Places are relative to the swarm's origin, in a fleet to the team's.

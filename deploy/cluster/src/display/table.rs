@@ -7,7 +7,7 @@ use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Cell, Padding, Paragraph, Row as TableRow, Table};
 use skein_lab::terminal::{shortened, wrapped};
 
-use super::columns::{Column, Fitted, NARROW, WIDE, WIDE_COLUMNS, fitting, needed};
+use super::columns::{Column, Fitted, WIDE_COLUMNS, fitting, narrow, needed, wide};
 use super::status::{EVENT_TIME as EVENT_INDENT, FlightStatus, Row, Stage};
 
 /// Lines kept for events, if there is room for them.
@@ -39,29 +39,29 @@ pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown<'_>) {
         Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)])
             .areas(frame.area());
     let width = usize::from(frame.area().width);
-    let wide = fitting(&WIDE, status.shown(), body.width);
-    let (set, columns) = match body.width >= WIDE_COLUMNS && wide.len() == WIDE.len() {
-        true => (&WIDE[..], wide),
-        false => (&NARROW[..], fitting(&NARROW, status.shown(), body.width)),
+    let fitted = |set: Vec<Column>| (fitting(&set, status.shown(), body.width), set);
+    let (columns, set) = match fitted(wide()) {
+        (columns, set) if body.width >= WIDE_COLUMNS && columns.len() == set.len() => (columns, set),
+        _ => fitted(narrow()),
     };
     let hidden = set.len() - columns.len();
     let beside = u16::try_from(needed(&columns)).unwrap_or(u16::MAX).max(WIDE_COLUMNS);
     frame.render_widget(Paragraph::new(headline(status, width)), title);
     frame.render_widget(Paragraph::new(status.summary(width)), summary);
     if let Shown::Columns = shown {
-        frame.render_widget(Paragraph::new(explanation(set, width)), body);
+        frame.render_widget(Paragraph::new(explanation(&set, width)), body);
     } else if let Shown::Code(code) = shown {
         draw_code(frame, body, code);
     } else if body.width >= beside.saturating_add(EVENTS_BESIDE) {
         let [left, right] = Layout::horizontal([Constraint::Length(beside), Constraint::Min(0)]).areas(body);
         let rest = draw_vehicles(frame, left, status.shown(), &columns, (hidden, 0));
-        frame.render_widget(Paragraph::new(legend(set, usize::from(rest.width))).style(dim()), rest);
+        frame.render_widget(Paragraph::new(legend(&set, usize::from(rest.width))).style(dim()), rest);
         let block = Block::new().borders(Borders::LEFT).border_style(dim()).padding(Padding::horizontal(1));
         let inner = block.inner(right);
         frame.render_widget(block, right);
         draw_events(frame, inner, status);
     } else {
-        let legend = legend(set, width);
+        let legend = legend(&set, width);
         let wanted = u16::try_from(status.shown().len() + legend.len()).unwrap_or(u16::MAX).saturating_add(3);
         let has_legend = body.width >= WIDE_COLUMNS && body.height >= wanted.saturating_add(EVENT_LINES);
         let rest = draw_vehicles(frame, body, status.shown(), &columns, (hidden, EVENT_LINES));
@@ -176,7 +176,7 @@ fn vehicles<'a>(rows: &[Row], columns: &[Fitted], width: u16) -> Table<'a> {
         _ => Cell::from(Text::from(text).alignment(Alignment::Right)),
     };
     let row = |row: &Row| {
-        let cells = columns.iter().map(|Fitted { column, .. }| cell(column, (column.cell)(row)));
+        let cells = columns.iter().map(|Fitted { column, .. }| cell(column, column.cell(row)));
         TableRow::new(cells).style(if row.bad { Style::new().fg(Color::Red) } else { Style::new() })
     };
     let titles = columns.iter().map(|Fitted { column, .. }| cell(column, column.title.to_owned()));
@@ -256,8 +256,17 @@ fn keys(status: &FlightStatus, has_code: bool, width: usize) -> String {
 mod tests {
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
+    use skein_common::id::VehicleId;
+    use skein_common::message::{FactValues, PeerContact, ProcessFigures, VehicleFacts};
+    use skein_common::state::PeerStatus;
 
     use super::*;
+
+    fn facts(age_ms: u32, step_p99_us: f64) -> FactValues {
+        let process = ProcessFigures { frame_rate_hz: 50.0, step_p99_us, ..ProcessFigures::default() };
+        let peer = PeerContact { id: VehicleId::new(9).unwrap(), age_ms, standing: PeerStatus::Fresh };
+        FactValues::of(&VehicleFacts { process: Some(process), peers: vec![peer], ..VehicleFacts::default() })
+    }
 
     fn row(id: u8) -> Row {
         Row {
@@ -270,9 +279,7 @@ mod tests {
             from_centre_m: Some(101.26),
             gap_deg: Some((92.14, 2.14)),
             nearest_m: Some(141.4),
-            frame_rate_hz: Some(50.0),
-            peer_age_ms: Some(187.4),
-            step_p99_us: Some(84.2),
+            facts: facts(187, 84.2),
             late_dropped: Some((0, 3)),
         }
     }
@@ -341,7 +348,7 @@ mod tests {
         let status = status((1..=16).map(row).collect());
         let lines = drawn_as(&status, 80, 24, Shown::Columns);
         assert!(lines[2].starts_with("What the columns mean"), "{lines:#?}");
-        for column in NARROW {
+        for column in narrow() {
             assert!(lines.iter().any(|line| line.starts_with(column.title)), "{}: {lines:#?}", column.title);
         }
         assert_eq!(lines[23], "? or Esc: back to the flight");
@@ -417,8 +424,7 @@ mod tests {
             from_centre_m: Some(1_234_567.8),
             gap_deg: Some((359.96, -123.4)),
             nearest_m: Some(123_456.7),
-            peer_age_ms: Some(12_345_678.0),
-            step_p99_us: Some(123_456_789.0),
+            facts: facts(12_345_678, 123_456_789.0),
             late_dropped: Some((1_234_567, 7_654_321)),
             ..row(3)
         };
@@ -432,10 +438,10 @@ mod tests {
                     .iter()
                     .map(|line| line.split('│').next().unwrap_or_default().to_owned())
                     .collect();
-                let set = if table[0].starts_with("vehicle") { &WIDE[..] } else { &NARROW[..] };
-                let columns = columns_of(&table[0], set);
+                let set = if table[0].starts_with("vehicle") { wide() } else { narrow() };
+                let columns = columns_of(&table[0], &set);
                 for (row, line) in rows.iter().zip(&table[1..]) {
-                    let cells: Vec<String> = columns.iter().map(|column| (column.cell)(row)).collect();
+                    let cells: Vec<String> = columns.iter().map(|column| column.cell(row)).collect();
                     let words = line.split_whitespace().collect::<Vec<_>>().join(" ");
                     assert_eq!(words, cells.join(" "), "{width} columns: {lines:#?}");
                 }
@@ -452,7 +458,7 @@ mod tests {
                 assert!(summary.split(", ").collect::<Vec<_>>().starts_with(&lines[1].split(", ").collect::<Vec<_>>()));
                 assert!(lines[13].starts_with("q: land and end") || lines[13].starts_with("Ctrl-C or q: land and end"));
             }
-            assert_eq!(shown, WIDE.len(), "a wide window has room for all");
+            assert_eq!(shown, wide().len(), "a wide window has room for all");
         }
     }
 

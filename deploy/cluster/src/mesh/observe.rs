@@ -16,7 +16,9 @@ use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{self, Event, Health, Heartbeat, Message, Order, Reason, StandingOrders, Summary, Trace};
+use skein_common::message::{
+    self, Event, Health, Heartbeat, Message, Order, Reason, StandingOrders, Summary, Trace, VehicleFacts,
+};
 use skein_common::topic::{self, Author, Branch, Topic};
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
@@ -24,7 +26,6 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Locality, Sample};
 
 use crate::mesh::reach::Reach;
-use crate::sample::VehicleSample;
 pub use rate::Rate;
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -112,14 +113,18 @@ impl VehicleView {
     }
 
     /// What the vehicle's newest trace or summary shows, and when that arrived; of the two the one that arrived last.
-    pub fn newest(&self) -> Option<(VehicleSample, Instant)> {
+    pub fn newest(&self) -> Option<(VehicleFacts, Instant)> {
         let traced = self.trace.as_ref().zip(self.trace_at);
         let summarised = self.summary.as_ref().zip(self.summary_at);
         match (traced, summarised) {
             (Some((trace, at)), summary) if summary.is_none_or(|(_, later)| later < at) => {
-                Some((VehicleSample::of_trace(trace, self.health.as_ref()), at))
+                Some((trace.facts(self.health.as_ref()), at))
             }
-            (_, summary) => summary.and_then(|(summary, at)| Some((VehicleSample::of_summary(summary)?, at))),
+            // Before a vehicle has estimated its position there is nothing to show of it.
+            (_, summary) => {
+                let located = summary.filter(|(summary, _)| summary.facts.position.is_some());
+                located.map(|(summary, at)| (summary.facts.clone(), at))
+            }
         }
     }
 }
