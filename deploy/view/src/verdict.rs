@@ -7,7 +7,7 @@ use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::metrics::COLLISION_M;
 
 use super::snapshot::{Level, Status, Team, Vehicle, safety_distance_m};
-use skein_cluster::display::status::{self, Known, Overview, Row};
+use skein_cluster::display::status::{self, Known, Row};
 use skein_cluster::mesh::order::ranges;
 
 /// A vehicle of which the simulator delivers fewer frames a second flies worse.
@@ -42,7 +42,6 @@ pub(super) fn status(teams: &[Judged<'_>]) -> Status {
 fn line(teams: &[Judged<'_>], rows: &[Row]) -> String {
     let has_gaps =
         teams.iter().all(|judged| status::has_gaps(&judged.team.scenario, judged.rows.iter().find_map(|row| row.step)));
-    let overview = Overview { rows, has_gaps };
     let steps = || rows.iter().filter_map(|row| row.step);
     let last = teams.iter().map(|judged| judged.team.scenario.mission.steps.len().saturating_sub(1)).max().unwrap_or(0);
     let step = steps().min().zip(steps().max()).filter(|_| last > 0).map(|(least, most)| match least == most {
@@ -53,9 +52,9 @@ fn line(teams: &[Judged<'_>], rows: &[Row]) -> String {
         teams.iter().flat_map(|judged| judged.vehicles).filter_map(|vehicle| vehicle.nearest_m).reduce(f64::min);
     let oldest = rows.iter().filter_map(|row| row.facts.get("peer_age_ms")).reduce(f64::max);
     let parts = [
-        Some(overview.phases()).filter(|_| !rows.is_empty()),
+        Some(status::phases(rows)).filter(|_| !rows.is_empty()),
         step,
-        overview.worst_gap_deg().map(|off_deg| format!("worst gap {off_deg:.1}°")),
+        status::worst_gap_deg(rows, has_gaps).map(|off_deg| format!("worst gap {off_deg:.1}°")),
         nearest.map(|nearest_m| format!("nearest {nearest_m:.1} m")),
         oldest.map(|age_ms| format!("oldest message {age_ms:.0} ms")),
     ];

@@ -37,37 +37,28 @@ impl Column {
     }
 }
 
-/// The columns for terminals of 80 columns.
-pub fn narrow() -> Vec<Column> {
-    set(|[narrow, _]| narrow)
-}
-
-/// The columns for terminals of at least [`WIDE_COLUMNS`] columns.
-pub fn wide() -> Vec<Column> {
-    set(|[_, wide]| wide)
-}
-
-/// The columns of a set, which has one of the two headings of each; a column without a heading is not in the set.
-fn set(title: fn([&'static str; 2]) -> &'static str) -> Vec<Column> {
-    let own = |columns: &'static [OwnColumn]| {
-        let column = move |&(titles, width, rank, about, text): &OwnColumn| Column {
-            title: title(titles),
-            width,
-            rank,
-            about,
-            content: Content::Text(text),
-        };
-        columns.iter().map(column)
-    };
+/// The columns for terminals of 80 columns, or for those of at least [`WIDE_COLUMNS`] columns.
+pub fn set(is_wide: bool) -> Vec<Column> {
     let of_fact = |fact: &'static Fact| {
         let FactColumn { titles, width, rank, about } = fact.column?;
-        Some(Column { title: title(titles), width, rank, about, content: Content::Number(fact) })
+        Some((titles, width, rank, about, Content::Number(fact)))
     };
-    let all = own(FLIGHT).chain(FACTS.iter().filter_map(of_fact)).chain(own(COUNTS));
-    all.filter(|column| !column.title.is_empty()).collect()
+    let own = |&(titles, width, rank, about, text): &OwnColumn| (titles, width, rank, about, Content::Text(text));
+    let facts = FACTS.iter().filter_map(of_fact);
+    let all = FLIGHT.iter().map(own).chain(facts).chain(COUNTS.iter().map(own));
+    all.map(|([narrow, wide], width, rank, about, content)| Column {
+        title: if is_wide { wide } else { narrow },
+        width,
+        rank,
+        about,
+        content,
+    })
+    .filter(|column| !column.title.is_empty())
+    .collect()
 }
 
-/// A column that is more than one fact: its narrow and its wide heading, width, rank, meaning, and the text of a row.
+/// A column that is more than one fact: its narrow and its wide heading (none in a set that lacks it), width, rank, meaning, and
+/// the text of a row.
 type OwnColumn = ([&'static str; 2], u16, u8, &'static str, fn(&Row) -> String);
 
 /// The columns before those of the facts.
@@ -175,7 +166,7 @@ mod tests {
 
     #[test]
     fn every_set_fits_its_terminal() {
-        for (columns, room) in [(narrow(), 80), (wide(), WIDE_COLUMNS)] {
+        for (columns, room) in [(set(false), 80), (set(true), WIDE_COLUMNS)] {
             let fitted = fitting(&columns, &[], room);
             assert_eq!(fitted.len(), columns.len(), "{}", needed(&fitted));
             let ranks: std::collections::BTreeSet<u8> = columns.iter().map(|column| column.rank).collect();

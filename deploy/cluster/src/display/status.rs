@@ -69,20 +69,19 @@ impl FlightStatus {
         let values = |of: fn(&Row) -> Option<f64>| self.rows.iter().filter_map(of);
         let least = |of| values(of).reduce(f64::min);
         let most = |of| values(of).reduce(f64::max);
-        let overview = Overview { rows: &self.rows, has_gaps: self.has_gaps };
         let span = |name: &str, of: fn(&Row) -> Option<f64>| {
             let [least, most] = [least(of)?, most(of)?].map(|value| format!("{value:.1}"));
             let both = if least == most { least } else { format!("{least} to {most}") };
             Some(format!("{name} {both} m"))
         };
         let parts = [
-            overview.worst_gap_deg().map(|off| format!("worst gap {off:.1}°")),
+            worst_gap_deg(&self.rows, self.has_gaps).map(|off| format!("worst gap {off:.1}°")),
             least(|row| row.nearest_m).map(|nearest| format!("nearest {nearest:.1} m")),
             span("altitude", |row| row.altitude_m),
             span("from centre", |row| row.from_centre_m),
             most(|row| row.facts.get("step_p99_us")).map(|step_us| format!("step p99 {step_us:.0} µs")),
         ];
-        let phases = overview.phases();
+        let phases = phases(&self.rows);
         let mut phases = phases.split(", ").map(str::to_owned);
         let mut summary = shortened(&phases.next().unwrap_or_default(), columns);
         for part in phases.chain(parts.into_iter().flatten()) {
@@ -95,35 +94,24 @@ impl FlightStatus {
     }
 }
 
-/// Figures of a swarm as a whole, for summaries of one line.
-#[derive(Clone, Copy, Debug)]
-pub struct Overview<'a> {
-    /// One for each vehicle.
-    pub rows: &'a [Row],
-    /// The formation has even gaps around its centre.
-    pub has_gaps: bool,
+/// The most that a gap differs from an even share, degrees; `None` where gaps need not be even.
+pub fn worst_gap_deg(rows: &[Row], has_gaps: bool) -> Option<f64> {
+    let off = rows.iter().filter_map(|row| row.gap_deg.map(|(_, excess)| excess.abs()));
+    off.reduce(f64::max).filter(|_| has_gaps)
 }
 
-impl Overview<'_> {
-    /// The most that a gap differs from an even share, degrees; `None` where gaps need not be even.
-    pub fn worst_gap_deg(&self) -> Option<f64> {
-        let off = self.rows.iter().filter_map(|row| row.gap_deg.map(|(_, excess)| excess.abs()));
-        off.reduce(f64::max).filter(|_| self.has_gaps)
-    }
-
-    /// How many vehicles are in formation, and what the others do: `14/16 in formation, 2 silent`.
-    pub fn phases(&self) -> String {
-        let mut others: BTreeMap<&str, usize> = BTreeMap::new();
-        self.rows.iter().for_each(|row| *others.entry(row.doing()).or_default() += 1);
-        let all = self.rows.len();
-        let in_formation = others.remove(IN_FORMATION);
-        let first = match (in_formation, others.first_key_value()) {
-            // All vehicles do the same.
-            (None, Some((doing, count))) if *count == all => return format!("{all}/{all} {doing}"),
-            (in_formation, _) => format!("{}/{all} {IN_FORMATION}", in_formation.unwrap_or(0)),
-        };
-        others.iter().fold(first, |messages, (doing, count)| format!("{messages}, {count} {doing}"))
-    }
+/// How many vehicles are in formation, and what the others do: `14/16 in formation, 2 silent`.
+pub fn phases(rows: &[Row]) -> String {
+    let mut others: BTreeMap<&str, usize> = BTreeMap::new();
+    rows.iter().for_each(|row| *others.entry(row.doing()).or_default() += 1);
+    let all = rows.len();
+    let in_formation = others.remove(IN_FORMATION);
+    let first = match (in_formation, others.first_key_value()) {
+        // All vehicles do the same.
+        (None, Some((doing, count))) if *count == all => return format!("{all}/{all} {doing}"),
+        (in_formation, _) => format!("{}/{all} {IN_FORMATION}", in_formation.unwrap_or(0)),
+    };
+    others.iter().fold(first, |messages, (doing, count)| format!("{messages}, {count} {doing}"))
 }
 
 /// The phase [`Activity::Formation`].

@@ -7,7 +7,7 @@ use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Cell, Padding, Paragraph, Row as TableRow, Table};
 use skein_lab::terminal::{shortened, wrapped};
 
-use super::columns::{Column, Fitted, WIDE_COLUMNS, fitting, narrow, needed, wide};
+use super::columns::{Column, Fitted, WIDE_COLUMNS, fitting, needed, set};
 use super::status::{EVENT_TIME as EVENT_INDENT, FlightStatus, Row, Stage};
 
 /// Lines kept for events, if there is room for them.
@@ -40,9 +40,9 @@ pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown<'_>) {
             .areas(frame.area());
     let width = usize::from(frame.area().width);
     let fitted = |set: Vec<Column>| (fitting(&set, status.shown(), body.width), set);
-    let (columns, set) = match fitted(wide()) {
-        (columns, set) if body.width >= WIDE_COLUMNS && columns.len() == set.len() => (columns, set),
-        _ => fitted(narrow()),
+    let (columns, set) = match fitted(set(true)) {
+        (columns, wide) if body.width >= WIDE_COLUMNS && columns.len() == wide.len() => (columns, wide),
+        _ => fitted(set(false)),
     };
     let hidden = set.len() - columns.len();
     let beside = u16::try_from(needed(&columns)).unwrap_or(u16::MAX).max(WIDE_COLUMNS);
@@ -348,7 +348,7 @@ mod tests {
         let status = status((1..=16).map(row).collect());
         let lines = drawn_as(&status, 80, 24, Shown::Columns);
         assert!(lines[2].starts_with("What the columns mean"), "{lines:#?}");
-        for column in narrow() {
+        for column in set(false) {
             assert!(lines.iter().any(|line| line.starts_with(column.title)), "{}: {lines:#?}", column.title);
         }
         assert_eq!(lines[23], "? or Esc: back to the flight");
@@ -438,7 +438,7 @@ mod tests {
                     .iter()
                     .map(|line| line.split('│').next().unwrap_or_default().to_owned())
                     .collect();
-                let set = if table[0].starts_with("vehicle") { wide() } else { narrow() };
+                let set = set(table[0].starts_with("vehicle"));
                 let columns = columns_of(&table[0], &set);
                 for (row, line) in rows.iter().zip(&table[1..]) {
                     let cells: Vec<String> = columns.iter().map(|column| column.cell(row)).collect();
@@ -458,7 +458,7 @@ mod tests {
                 assert!(summary.split(", ").collect::<Vec<_>>().starts_with(&lines[1].split(", ").collect::<Vec<_>>()));
                 assert!(lines[13].starts_with("q: land and end") || lines[13].starts_with("Ctrl-C or q: land and end"));
             }
-            assert_eq!(shown, wide().len(), "a wide window has room for all");
+            assert_eq!(shown, set(true).len(), "a wide window has room for all");
         }
     }
 
