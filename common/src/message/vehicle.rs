@@ -403,7 +403,7 @@ pub struct Fact {
     pub key: &'static str,
     /// The number of a vehicle; `None` while it is unknown.
     pub of: fn(&VehicleFacts) -> Option<f64>,
-    /// Which of two vehicles' numbers stands for both in the row of a team.
+    /// The choice between the numbers of two vehicles for the row of a team.
     pub of_team: fn(f64, f64) -> f64,
     /// The number that people read is so many times the number.
     pub factor: f64,
@@ -424,7 +424,7 @@ pub struct FactLine {
     pub name: &'static str,
     /// The unit after the number.
     pub unit: &'static str,
-    /// What it is.
+    /// The meaning of the number.
     pub about: &'static str,
 }
 
@@ -437,7 +437,7 @@ pub struct FactColumn {
     pub width: u16,
     /// Its place in the order of importance: of the columns that do not fit, the one with the greatest is left out first.
     pub rank: u8,
-    /// What it shows, in which unit, and which values are bad.
+    /// The meaning of its numbers, their unit, and which values are bad.
     pub about: &'static str,
 }
 

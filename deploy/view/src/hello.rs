@@ -22,7 +22,7 @@ pub(super) enum SourceKind {
     Recording,
 }
 
-/// Which orders the page may give.
+/// Permission of the page to give orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OrderRule {
     Refused,
@@ -78,7 +78,7 @@ fn card_line(Fact { key, factor, decimals, line, .. }: &Fact) -> Option<Value> {
     Some(json!({ "key": key, "name": name, "about": about, "factor": factor, "decimals": decimals, "unit": unit }))
 }
 
-/// What the page draws of a scenario. Places are relative to the swarm's origin, in a fleet to the team's.
+/// The part of a scenario that the page draws. Places are relative to the swarm's origin, in a fleet to the team's.
 fn scenario(scenario: &Scenario) -> Value {
     let origin = scenario.team.map_or(scenario.origin, |team| team.origin);
     json!({

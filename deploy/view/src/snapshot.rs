@@ -24,7 +24,7 @@ const MOST_NEAREST: usize = 600;
 
 /// A swarm, or a team of a fleet, with what does not change in flight.
 pub(super) struct Team {
-    /// What it flies.
+    /// The scenario that it flies.
     pub(super) scenario: Scenario,
     /// Origins of the team's frame and of the fleet's; `None` for a swarm that flies alone.
     frames: Option<(Origin, Origin)>,
@@ -229,7 +229,7 @@ impl Vehicle {
         self.contact && !self.is_on_the_ground
     }
 
-    /// What the bytes of a large swarm say of it besides its place.
+    /// The flags in the bytes of a large swarm, beside its place.
     fn flags(&self) -> u8 {
         let flags = [
             self.contact,
@@ -397,7 +397,7 @@ pub(super) fn standing(standing: PeerStatus) -> &'static str {
     }
 }
 
-/// What the page draws of a formation: as the scenario has it, or as an operator has changed it in flight.
+/// The figures of a formation that the page draws: as the scenario has it, or as an operator has changed it in flight.
 pub(super) fn drawn_formation(formation: &Formation) -> Value {
     json!({
         "law": formation.law.name(),

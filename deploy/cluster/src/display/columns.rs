@@ -15,12 +15,12 @@ pub struct Column {
     pub width: u16,
     /// Its place in the order of importance: of the columns of a set that do not fit, the one with the greatest is left out first.
     pub rank: u8,
-    /// What it shows, in which unit, and which values are bad.
+    /// The meaning of its cells, their unit, and which values are bad.
     pub about: &'static str,
     content: Content,
 }
 
-/// What a column shows of a row.
+/// The content of a column.
 #[derive(Clone, Copy, Debug)]
 enum Content {
     Text(fn(&Row) -> String),

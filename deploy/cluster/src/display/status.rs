@@ -58,7 +58,7 @@ pub struct FlightStatus {
     pub team: Option<TeamId>,
     /// The formation has even gaps around its centre.
     pub has_gaps: bool,
-    /// What happened, the newest last.
+    /// The events so far, the newest last.
     pub events: Vec<String>,
 }
 
@@ -116,7 +116,7 @@ pub fn phases(rows: &[Row]) -> String {
 
 /// The phase [`Activity::Formation`].
 const FORMATION: &str = "formation";
-/// What is shown of a vehicle in the phase formation that is in its place, and of one that is not.
+/// The text for a vehicle in the phase formation that is in its place, and for one that is not.
 const IN_FORMATION: &str = "in formation";
 const UNDER_WAY: &str = "under way";
 
@@ -206,7 +206,7 @@ impl FlightStatus {
 }
 
 impl Row {
-    /// What the vehicle does: its phase, and in the phase formation whether it is in its place.
+    /// The doing of the vehicle: its phase, and in the phase formation whether it is in its place.
     pub fn doing(&self) -> &str {
         if self.phase == FORMATION && self.in_place_s.is_some() { IN_FORMATION } else { self.shown_phase() }
     }
@@ -254,7 +254,7 @@ fn with_columns<S: Serializer>(facts: &FactValues, to: S) -> Result<S::Ok, S::Er
     to.collect_map(facts.iter().filter(|(fact, _)| fact.column.is_some()).map(|(fact, value)| (fact.key, value)))
 }
 
-/// What is known of one vehicle.
+/// One vehicle with everything that this process knows of it.
 #[derive(Clone, Debug)]
 pub struct Known {
     /// The vehicle.
@@ -272,7 +272,7 @@ pub struct Known {
 /// How an agent's process ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// As expected: it had landed, or was ordered to end.
+    /// It ended as expected: it had landed, or was ordered to end.
     Asked,
     /// By the scenario's hand.
     Killed,
@@ -281,7 +281,7 @@ pub enum Ending {
 }
 
 impl Known {
-    /// What the observer has received of this vehicle by `now`.
+    /// The vehicle with what the observer has received of it by `now`.
     pub fn new(id: VehicleId, seen: Option<&VehicleView>, ended: Option<Ending>, now: Instant) -> Self {
         let newest = seen.and_then(VehicleView::newest);
         let newest = newest.map(|(sample, at)| (sample, now.saturating_duration_since(at)));
@@ -289,7 +289,7 @@ impl Known {
         Self { id, newest, is_healthy: seen.is_some_and(|seen| seen.health.is_some()), ended, order }
     }
 
-    /// What it does now, while it flies and is in contact.
+    /// Its newest facts while it flies and is in contact.
     pub fn flying(&self) -> Option<&VehicleFacts> {
         let (sample, silent) = self.newest.as_ref().filter(|_| self.ended.is_none())?;
         (*silent < SILENT).then_some(sample)

@@ -19,22 +19,19 @@ const MAX_SPACING: u16 = 3;
 /// The least columns of the text beside a heading; a narrower text is below it.
 const TEXT_BESIDE: usize = 24;
 
-/// What the screen shows.
-#[derive(Clone, Copy, Debug)]
-pub enum Shown<'a> {
+/// The content of the screen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shown {
     /// The flight.
-    Flight {
-        /// A key shows the code of the live page.
-        has_code: bool,
-    },
-    /// What the columns mean.
+    Flight,
+    /// The meanings of the columns.
     Columns,
-    /// The QR code of the live page's address.
-    Code(&'a str),
+    /// The QR code of the live page's address, if there is one.
+    Code,
 }
 
-/// Draws the flight, or what is shown instead of it.
-pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown<'_>) {
+/// Draws the flight, or what is shown instead of it. `code` is the QR code of the live page's address, which a key shows.
+pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown, code: Option<&str>) {
     let [title, summary, body, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)])
             .areas(frame.area());
@@ -48,9 +45,9 @@ pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown<'_>) {
     let beside = u16::try_from(needed(&columns)).unwrap_or(u16::MAX).max(WIDE_COLUMNS);
     frame.render_widget(Paragraph::new(headline(status, width)), title);
     frame.render_widget(Paragraph::new(status.summary(width)), summary);
-    if let Shown::Columns = shown {
+    if shown == Shown::Columns {
         frame.render_widget(Paragraph::new(explanation(&set, width)), body);
-    } else if let Shown::Code(code) = shown {
+    } else if let (Shown::Code, Some(code)) = (shown, code) {
         draw_code(frame, body, code);
     } else if body.width >= beside.saturating_add(EVENTS_BESIDE) {
         let [left, right] = Layout::horizontal([Constraint::Length(beside), Constraint::Min(0)]).areas(body);
@@ -70,10 +67,10 @@ pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown<'_>) {
         frame.render_widget(Paragraph::new(legend).style(dim()), keys);
         draw_events(frame, events, status);
     }
-    let bottom_line = match shown {
-        Shown::Flight { has_code } => keys(status, has_code, width),
-        Shown::Columns => shortened("? or Esc: back to the flight", width),
-        Shown::Code(_) => shortened("p or Esc: back to the flight", width),
+    let bottom_line = match (shown, code) {
+        (Shown::Columns, _) => shortened("? or Esc: back to the flight", width),
+        (Shown::Code, Some(_)) => shortened("p or Esc: back to the flight", width),
+        _ => keys(status, code.is_some(), width),
     };
     frame.render_widget(Paragraph::new(bottom_line).style(dim()), bottom);
 }
@@ -301,12 +298,12 @@ mod tests {
     }
 
     fn drawn(status: &FlightStatus, width: u16, height: u16) -> Vec<String> {
-        drawn_as(status, width, height, Shown::Flight { has_code: false })
+        drawn_as(status, width, height, Shown::Flight, None)
     }
 
-    fn drawn_as(status: &FlightStatus, width: u16, height: u16, shown: Shown<'_>) -> Vec<String> {
+    fn drawn_as(status: &FlightStatus, width: u16, height: u16, shown: Shown, code: Option<&str>) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-        terminal.draw(|frame| draw(frame, status, shown)).unwrap();
+        terminal.draw(|frame| draw(frame, status, shown, code)).unwrap();
         let buffer = terminal.backend().buffer();
         let line = |y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>().trim_end().to_owned();
         (0..height).map(line).collect()
@@ -346,7 +343,7 @@ mod tests {
     #[test]
     fn a_key_press_explains_every_column() {
         let status = status((1..=16).map(row).collect());
-        let lines = drawn_as(&status, 80, 24, Shown::Columns);
+        let lines = drawn_as(&status, 80, 24, Shown::Columns, None);
         assert!(lines[2].starts_with("What the columns mean"), "{lines:#?}");
         for column in set(false) {
             assert!(lines.iter().any(|line| line.starts_with(column.title)), "{}: {lines:#?}", column.title);
@@ -371,12 +368,12 @@ mod tests {
     fn a_key_shows_the_code_of_the_live_page_where_it_fits() {
         let status = status(vec![row(1)]);
         let code = "██████\n█ ▄▄ █\n██████";
-        let lines = drawn_as(&status, 80, 12, Shown::Code(code));
+        let lines = drawn_as(&status, 80, 12, Shown::Code, Some(code));
         assert_eq!(lines[2..5], code.lines().collect::<Vec<_>>());
         assert_eq!(lines[11], "p or Esc: back to the flight");
-        let small = drawn_as(&status, 80, 5, Shown::Code(code));
+        let small = drawn_as(&status, 80, 5, Shown::Code, Some(code));
         assert_eq!(small[2], "make the window larger to see the code of the live page");
-        let flight = drawn_as(&status, 120, 12, Shown::Flight { has_code: true });
+        let flight = drawn_as(&status, 120, 12, Shown::Flight, Some(code));
         assert!(flight[11].contains("p: page on a phone"), "{flight:#?}");
     }
 
@@ -393,8 +390,8 @@ mod tests {
     fn no_size_is_too_small() {
         for (width, height) in [(1, 1), (5, 2), (20, 3), (200, 1), (1, 50)] {
             drawn(&status(vec![row(1), row(2)]), width, height);
-            for shown in [Shown::Columns, Shown::Code("█▀▄ █")] {
-                drawn_as(&status(vec![row(1), row(2)]), width, height, shown);
+            for shown in [Shown::Columns, Shown::Code] {
+                drawn_as(&status(vec![row(1), row(2)]), width, height, shown, Some("█▀▄ █"));
             }
         }
     }
