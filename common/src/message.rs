@@ -12,7 +12,7 @@ mod order;
 mod severity;
 mod simulator;
 mod summary;
-mod trace;
+mod vehicle;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,10 @@ pub use order::{Order, Signature, StandingOrders, Verb};
 pub use severity::Severity;
 pub use simulator::{ShortText, SimulatorFault, Standstill};
 pub use summary::{PeerContact, Summary};
-pub use trace::{LawNumber, PeerAge, Trace};
+pub use vehicle::{
+    FACTS, Fact, FactColumn, FactLine, FactValues, LawNumber, PeerAge, ProcessFigures, TRACE_COLUMNS, Trace,
+    TraceColumn, VehicleFacts,
+};
 
 /// Version of the messages: the first byte of every message.
 pub const VERSION: u8 = 8;

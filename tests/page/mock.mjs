@@ -69,6 +69,7 @@ export class MockSwarm {
     return {
       type: "hello", version: 1, source, swarm: "mock", title: "mock", orders: false, duration_s: 400, from_s: 0, to_s: 400,
       vehicles: this.vehicles.map(({ id, team, number }) => ({ id, team, number })),
+      facts: [{ key: "energy_left", name: "energy", about: "share of the battery that is left", factor: 100, decimals: 0, unit: "% left" }],
       teams: this.teams > 1 ? Array.from({ length: this.teams }, (_, at) => ({ id: at + 1, name: null })) : [],
       scenario: {
         name: "mock", law: "ring", plant: "builtin", vehicles: this.vehicles.length, safety_distance_m: 8, collision_distance_m: 2,

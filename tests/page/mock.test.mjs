@@ -33,6 +33,7 @@ test("four vehicles are where the server reports them, in the card and on the ma
     assert.match(tip, new RegExp(`^vehicle ${id} `));
   }
   assert.match(await textOf(page, "#links-text"), /all receive all/);
+  assert.equal(await textOf(page, "#detail .energy"), "62 % left");
 }));
 
 test("a lost vehicle becomes a ghost, its row stays and the reason is named", () => withSwarm({ skip_s: 60 }, async ({ mock, page }) => {

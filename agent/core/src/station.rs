@@ -14,7 +14,7 @@ use alloc::vec::Vec;
 
 use serde::{Deserialize, Serialize};
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::{Header, Summary, Trace};
+use skein_common::message::{Trace, VehicleFacts};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
 use skein_common::time::{LocalTime, Now, PlantTime};
@@ -284,11 +284,9 @@ impl Station {
         trace
     }
 
-    /// What the vehicle believes after the last step, for displays; it lacks the figures known only in real time. `header` is
-    /// its header.
-    pub fn summary(&self, right: LocalTime, plant_time: PlantTime, header: Header) -> Summary {
-        let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
-        Summary { flown_s: self.clocks.flown_s(right), ..self.agent.summary(header, now) }
+    /// What the vehicle believes after the last step, for displays; it lacks the figures known only in real time.
+    pub fn facts(&self, right: LocalTime) -> VehicleFacts {
+        VehicleFacts { flown_s: self.clocks.flown_s(right), ..self.agent.facts() }
     }
 
     /// The agent.

@@ -236,8 +236,8 @@ mod tests {
     use std::time::Instant;
 
     use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-    use skein_common::message::{EventKind, Header};
-    use skein_common::time::SenderStamp;
+    use skein_common::message::{EventKind, Header, VehicleFacts};
+    use skein_common::time::{PlantTime, SenderStamp};
 
     use super::*;
     use skein_host::clock::now;
@@ -264,37 +264,7 @@ mod tests {
     }
 
     fn trace(sequence: u64) -> Messages {
-        let trace = Trace {
-            header: header(sequence),
-            plant_time: Default::default(),
-            membership: Default::default(),
-            activity: Default::default(),
-            live: 1,
-            step: 0,
-            reached: None,
-            in_place_s: None,
-            settings: Vec::new(),
-            centre_ne_m: [0.0; 2],
-            estimate: Default::default(),
-            position: Default::default(),
-            height_m: 0.0,
-            velocity: Default::default(),
-            attitude: Default::default(),
-            power_w: None,
-            field_ne: [0.0; 2],
-            error_ne_m: [0.0; 2],
-            altitude_setpoint_m: 0.0,
-            controls: None,
-            peers: Vec::new(),
-            step_us: None,
-            safety_activations: None,
-            law_misses: None,
-            fallback_flies: None,
-            law_log: Vec::new(),
-            frame_overruns: 0,
-            state_messages: 0,
-            state_bytes: 0,
-        };
+        let trace = Trace::new(header(sequence), PlantTime::ZERO, VehicleFacts::default());
         Messages { trace: Some(trace), ..Messages::default() }
     }
 

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 use skein_common::frame::{Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{
-    Drops, Event, EventKind, Header, Health, PeerHealth, Reason, Refused, Severity, ShortText, Summary, Trace, Traffic,
+    Drops, Event, EventKind, Header, Health, PeerHealth, ProcessFigures, Reason, Refused, Severity, ShortText, Summary,
+    Trace, Traffic, VehicleFacts,
 };
 use skein_common::state::Activity;
 use skein_common::time::LocalTime;
@@ -267,17 +268,20 @@ impl Control {
         kept.summaries += 1;
         let header = self.header(self.station.clocks().local_time(true_time), kept.summaries);
         let TimingSummary { frame_rate_hz, jitter_ms, step_p99_us, .. } = kept.last_second;
-        Some(Summary {
+        let facts = VehicleFacts {
             power_w: frame.and_then(|frame| frame.truth.power_w),
             energy_left: self.energy.left(),
-            frame_rate_hz,
-            jitter_ms,
-            step_p99_us,
-            frame_overruns: kept.timing.overruns(),
-            dropped: self.drops().total(),
-            unsent: self.unsent(kept),
-            ..self.station.summary(true_time, kept.inputs.plant_time, header)
-        })
+            process: Some(ProcessFigures {
+                frame_rate_hz,
+                jitter_ms,
+                step_p99_us,
+                frame_overruns: kept.timing.overruns(),
+                dropped: self.drops().total(),
+                unsent: self.unsent(kept),
+            }),
+            ..self.station.facts(true_time)
+        };
+        Some(Summary { header, plant_time: kept.inputs.plant_time, facts })
     }
 
     fn health(&self, now: LocalTime, uptime_s: f64, kept: &LoopState) -> Health {

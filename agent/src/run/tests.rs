@@ -171,18 +171,21 @@ fn assert_summarised(summaries: &[Summary], traces: &[Trace]) {
     assert!(of_one.len() as f64 <= 2.0 + 10.0 * elapsed_s, "{} in {elapsed_s} s", of_one.len());
     let compared = of_one.iter().filter_map(|summary| {
         let trace = traces.iter().find(|trace| is_of_one(&trace.header) && trace.plant_time == summary.plant_time)?;
-        let position = summary.position?;
+        let position = summary.facts.position?;
         assert!((position - trace.estimate).amax() <= 0.000_501, "{summary:?}\n{trace:?}");
-        assert_eq!((summary.activity, summary.step, summary.live), (trace.activity, trace.step, trace.live));
-        assert_eq!(summary.flown_s.is_some(), trace.membership == Membership::Active);
-        assert_eq!(summary.controls.is_some(), trace.controls.is_some(), "{summary:?}\n{trace:?}");
+        assert_eq!(
+            (summary.facts.activity, summary.facts.step, summary.facts.live),
+            (trace.activity, trace.step, trace.live)
+        );
+        assert_eq!(summary.facts.flown_s.is_some(), trace.membership == Membership::Active);
+        assert_eq!(summary.facts.controls.is_some(), trace.controls.is_some(), "{summary:?}\n{trace:?}");
         let ids = |peers: &[PeerAge]| peers.iter().map(|peer| peer.id).collect::<Vec<_>>();
-        assert_eq!(summary.peers.iter().map(|peer| peer.id).collect::<Vec<_>>(), ids(&trace.peers));
+        assert_eq!(summary.facts.peers.iter().map(|peer| peer.id).collect::<Vec<_>>(), ids(&trace.peers));
         Some(summary)
     });
     assert!(compared.count() > 5, "no trace of the same frames");
-    let last = of_one[of_one.len() - 1];
-    assert!(last.frame_rate_hz > 25.0 && !last.peers.is_empty(), "{last:?}");
+    let last = &of_one[of_one.len() - 1].facts;
+    assert!(last.process.is_some_and(|process| process.frame_rate_hz > 25.0) && !last.peers.is_empty(), "{last:?}");
 }
 
 #[test]

@@ -7,7 +7,7 @@
 //! | [`inventory`] | the cluster file: which agent runs on which host |
 //! | [`keys`] | the swarm's authority, and the certificates of the nodes, the observers and the operator |
 //! | [`mesh`] | a live swarm: where it is reached, what its vehicles send, orders to them, and waiting until they are ready |
-//! | [`endpoints`], [`sample`] | the file with the endpoints of a swarm on this PC, and what is known of a vehicle at one instant |
+//! | [`endpoints`] | the file with the endpoints of a swarm on this PC |
 //! | [`display`] | a flight as people look at it: table, journal, status |
 //! | [`simulators`], [`place`] | the X-Planes of a flight: whether they answer, and where their aircraft stand |
 //! | [`capacity`] | what a message and a step cost on this PC, and how many agents it can fly |
@@ -47,7 +47,6 @@ pub mod ports;
 pub mod program;
 pub mod protocol;
 pub mod remote;
-pub mod sample;
 pub mod simulators;
 pub mod ssh;
 pub mod status;

@@ -101,8 +101,7 @@ impl Ground {
 mod tests {
     use std::time::Duration;
 
-    use skein_common::frame::{Attitude, PositionNed, VelocityNed};
-    use skein_common::message::Header;
+    use skein_common::message::{Header, VehicleFacts};
     use skein_common::scenario::{Source, load};
     use skein_common::state::Activity;
     use skein_common::time::{PlantTime, SenderStamp};
@@ -120,42 +119,10 @@ mod tests {
     }
 
     fn step(sender: u8, life: u64, membership: Membership) -> Trace {
-        Trace {
-            header: Header {
-                sender: id(sender),
-                incarnation: Incarnation(life),
-                sequence: 1,
-                stamp: SenderStamp::ZERO,
-            },
-            plant_time: PlantTime::ZERO,
-            membership,
-            activity: Activity::Formation,
-            live: 3,
-            step: 0,
-            reached: None,
-            in_place_s: None,
-            settings: Vec::new(),
-            centre_ne_m: [0.0; 2],
-            estimate: PositionNed::default(),
-            position: PositionNed::default(),
-            height_m: 0.0,
-            velocity: VelocityNed::default(),
-            attitude: Attitude::default(),
-            power_w: None,
-            field_ne: [0.0; 2],
-            error_ne_m: [0.0; 2],
-            altitude_setpoint_m: 0.0,
-            controls: None,
-            peers: Vec::new(),
-            step_us: None,
-            safety_activations: None,
-            law_misses: None,
-            fallback_flies: None,
-            law_log: Vec::new(),
-            frame_overruns: 0,
-            state_messages: 0,
-            state_bytes: 0,
-        }
+        let header =
+            Header { sender: id(sender), incarnation: Incarnation(life), sequence: 1, stamp: SenderStamp::ZERO };
+        let facts = VehicleFacts { membership, activity: Activity::Formation, ..VehicleFacts::default() };
+        Trace::new(header, PlantTime::ZERO, facts)
     }
 
     #[test]

@@ -9,7 +9,8 @@ use skein_common::state::PeerStatus;
 use skein_core::formation::law::{Goal, LawCommand, Neighbour, Observation};
 use skein_core::formation::laws;
 
-use super::snapshot::{ObservedVehicle, Team, rounded};
+use super::snapshot::{Team, rounded};
+use skein_cluster::display::status::Known;
 
 /// Points on a side of the grid.
 const POINTS: usize = 21;
@@ -36,12 +37,12 @@ pub(super) enum Field {
 }
 
 /// The field of a vehicle of this team; `observed` are the team's vehicles, of which it observes those in contact with it.
-pub(super) fn field(team: &Team, observed: &[ObservedVehicle], own: VehicleId) -> Field {
+pub(super) fn field(team: &Team, observed: &[Known], own: VehicleId) -> Field {
     grid(team, observed, own).unwrap_or(Field::Unknown(()))
 }
 
-fn grid(team: &Team, observed: &[ObservedVehicle], own: VehicleId) -> Option<Field> {
-    let sample = |id: VehicleId| observed.iter().find(|vehicle| vehicle.known.id == id)?.known.flying();
+fn grid(team: &Team, observed: &[Known], own: VehicleId) -> Option<Field> {
+    let sample = |id: VehicleId| observed.iter().find(|vehicle| vehicle.id == id)?.flying();
     let own_sample = sample(own)?;
     let step = own_sample.step as usize;
     let formation = &*team.scenario.formation_with(own_sample.step, &own_sample.settings)?;
@@ -55,7 +56,7 @@ fn grid(team: &Team, observed: &[ObservedVehicle], own: VehicleId) -> Option<Fie
             let sample = sample(peer.id)?;
             Some(Neighbour {
                 id: peer.id,
-                position: sample.position,
+                position: sample.place(),
                 velocity: sample.velocity,
                 heading_rad: sample.attitude.heading_rad,
                 age_s: f64::from(peer.age_ms) / 1e3,
@@ -69,7 +70,7 @@ fn grid(team: &Team, observed: &[ObservedVehicle], own: VehicleId) -> Option<Fie
     let reach_m = REACH * (formation.radius_m / formation.gamma.sqrt().min(1.0) + formation.outer_width_m);
     let offsets_m: Vec<f64> = (0..POINTS).map(|nth| (2.0 * nth as f64 / (POINTS - 1) as f64 - 1.0) * reach_m).collect();
     let at = |north_m: f64, east_m: f64| {
-        let position = centre + Vector3::new(north_m, east_m, own_sample.position.down_m() - centre.down_m());
+        let position = centre + Vector3::new(north_m, east_m, own_sample.place().down_m() - centre.down_m());
         let observation = Observation {
             own,
             position,

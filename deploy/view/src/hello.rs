@@ -3,6 +3,7 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 use skein_common::id::VehicleName;
+use skein_common::message::{FACTS, Fact, FactLine};
 use skein_common::scenario::{Scenario, Step, Target};
 use skein_core::deadlines::Deadline;
 use skein_lab::metrics::{COLLISION_M, Run};
@@ -21,7 +22,7 @@ pub(super) enum SourceKind {
     Recording,
 }
 
-/// Which orders the page may give.
+/// Permission of the page to give orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OrderRule {
     Refused,
@@ -64,13 +65,20 @@ pub(super) fn hello(teams: &[Team], source: SourceKind, title: &str, span: Span,
         "from_s": span.from_s,
         "to_s": span.to_s,
         "scenario": common,
+        "facts": FACTS.iter().filter_map(card_line).collect::<Vec<_>>(),
         "vehicles": vehicles.collect::<Vec<_>>(),
         "teams": teams.iter().zip(&scenarios).filter_map(of_team).collect::<Vec<_>>(),
     })
     .to_string()
 }
 
-/// What the page draws of a scenario. Places are relative to the swarm's origin, in a fleet to the team's.
+/// How the page's card of a vehicle shows a fact; `None` if it does not.
+fn card_line(Fact { key, factor, decimals, line, .. }: &Fact) -> Option<Value> {
+    let FactLine { name, unit, about } = (*line)?;
+    Some(json!({ "key": key, "name": name, "about": about, "factor": factor, "decimals": decimals, "unit": unit }))
+}
+
+/// The part of a scenario that the page draws. Places are relative to the swarm's origin, in a fleet to the team's.
 fn scenario(scenario: &Scenario) -> Value {
     let origin = scenario.team.map_or(scenario.origin, |team| team.origin);
     json!({

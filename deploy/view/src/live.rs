@@ -22,7 +22,7 @@ use super::events::EventLog;
 use super::field::{self, Field};
 use super::foxglove;
 use super::hello::{self, OrderRule, SourceKind, Span};
-use super::snapshot::{ObservedVehicle, Snapshot, Team, add_nearest, team_place, vehicles};
+use super::snapshot::{Snapshot, Team, add_nearest, team_place, vehicles};
 use super::verdict::{self, Judged};
 use skein_cluster::display::status::Known;
 use skein_cluster::endpoints;
@@ -73,7 +73,7 @@ pub(super) struct Frame {
     pub(super) place: Option<Arc<Place>>,
     /// What the snapshot was made of, for the fields.
     swarm: Option<Arc<Vec<Team>>>,
-    observed: Vec<Vec<ObservedVehicle>>,
+    observed: Vec<Vec<Known>>,
 }
 
 impl Frame {
@@ -81,7 +81,7 @@ impl Frame {
     pub(super) fn field(&self, name: &str) -> Field {
         let teams = self.swarm.iter().flat_map(|teams| teams.iter()).zip(&self.observed);
         for (team, observed) in teams {
-            let id = observed.iter().map(|vehicle| vehicle.known.id).find(|id| team.name(*id).to_string() == name);
+            let id = observed.iter().map(|vehicle| vehicle.id).find(|id| team.name(*id).to_string() == name);
             if let Some(id) = id {
                 return field::field(team, observed, id);
             }
@@ -90,7 +90,7 @@ impl Frame {
     }
 
     /// The swarm, or the teams of the fleet, with what was observed of each.
-    pub(super) fn observed(&self) -> Option<(&[Team], &[Vec<ObservedVehicle>])> {
+    pub(super) fn observed(&self) -> Option<(&[Team], &[Vec<Known>])> {
         Some((self.swarm.as_ref()?.as_slice(), self.observed.as_slice()))
     }
 }
@@ -369,8 +369,8 @@ impl Watched {
     }
 
     /// The swarm now, and what that was made of.
-    fn snapshot(&mut self, now: Instant) -> (Snapshot, Vec<Vec<ObservedVehicle>>) {
-        let observed: Vec<Vec<ObservedVehicle>> =
+    fn snapshot(&mut self, now: Instant) -> (Snapshot, Vec<Vec<Known>>) {
+        let observed: Vec<Vec<Known>> =
             self.teams.iter().zip(self.observers.all()).map(|(team, observer)| observe(team, observer, now)).collect();
         let shown: Vec<_> = self.teams.iter().zip(&observed).map(|(team, observed)| vehicles(team, observed)).collect();
         let mut all: Vec<_> = shown.iter().flat_map(|(_, vehicles)| vehicles.iter().cloned()).collect();
@@ -396,19 +396,14 @@ impl Watched {
 }
 
 /// What is known of each vehicle of a team.
-fn observe(team: &Team, observer: &Observer, now: Instant) -> Vec<ObservedVehicle> {
-    let observed = |id: VehicleId| {
-        let view = observer.vehicles().get(&id);
-        let order = view.and_then(|view| view.orders.obeyed_by(id)).map(|order| order.verb);
-        ObservedVehicle { known: Known::new(id, view, None, now), order }
-    };
-    team.scenario.ids().map(observed).collect()
+fn observe(team: &Team, observer: &Observer, now: Instant) -> Vec<Known> {
+    team.scenario.ids().map(|id| Known::new(id, observer.vehicles().get(&id), None, now)).collect()
 }
 
 /// Time of flight by the vehicles' own clocks, s: the median, which a restarted vehicle does not change.
-fn flown_s(observed: &[Vec<ObservedVehicle>]) -> Option<f64> {
-    let flown = |vehicle: &ObservedVehicle| {
-        let (sample, silent) = vehicle.known.newest.as_ref()?;
+fn flown_s(observed: &[Vec<Known>]) -> Option<f64> {
+    let flown = |vehicle: &Known| {
+        let (sample, silent) = vehicle.newest.as_ref()?;
         Some(sample.flown_s? + silent.as_secs_f64())
     };
     let mut all: Vec<f64> = observed.iter().flatten().filter_map(flown).collect();

@@ -17,11 +17,10 @@ use super::events::{self, Event};
 use super::field::{self, Field};
 use super::hello::{self, OrderRule, SourceKind, Span};
 use super::orders;
-use super::snapshot::{ObservedVehicle, Snapshot, Status, Team, Vehicle, add_nearest, team_place, vehicles};
+use super::snapshot::{Snapshot, Status, Team, Vehicle, add_nearest, team_place, vehicles};
 use super::socket::{Ask, Wishes, send};
 use super::verdict::{self, Judged};
 use skein_cluster::display::status::Known;
-use skein_cluster::sample::VehicleSample;
 
 /// Time between two snapshots.
 const PERIOD: Duration = Duration::from_millis(100);
@@ -178,7 +177,7 @@ impl Recording {
         };
         let detail = wishes.detail.clone();
         let field = wishes.field(|of| {
-            let id = observed.iter().map(|vehicle| vehicle.known.id).find(|id| id.to_string() == of);
+            let id = observed.iter().map(|vehicle| vehicle.id).find(|id| id.to_string() == of);
             let team = self.teams.first().zip(id);
             team.map_or(Field::Unknown(()), |(team, id)| field::field(team, &observed, id))
         });
@@ -187,18 +186,18 @@ impl Recording {
     }
 
     /// A swarm at this time, from its traces.
-    fn traces(&mut self, at_s: f64) -> Result<(Snapshot, Vec<ObservedVehicle>), RecordError> {
+    fn traces(&mut self, at_s: f64) -> Result<(Snapshot, Vec<Known>), RecordError> {
         let Some(team) = self.teams.first() else { return Ok((empty(at_s), Vec::new())) };
         let failures = failures(&self.events, at_s);
         let period = self.period;
         let traces = self.player.traces(at_s)?;
         let observed = |id: VehicleId| {
             let newest = traces.get(&id).map(|(t_s, trace)| {
-                let mut sample = VehicleSample::of_trace(trace, None);
+                let mut sample = trace.facts(None);
                 sample.failures = failures.get(&id).cloned().unwrap_or_default();
                 (sample, Duration::from_secs_f64((at_s - t_s).max(0.0)).saturating_sub(period))
             });
-            ObservedVehicle { known: Known { id, newest, is_healthy: false, ended: None }, order: None }
+            Known { id, newest, is_healthy: false, ended: None, order: None }
         };
         let observed: Vec<_> = team.scenario.ids().map(observed).collect();
         let (rows, mut all) = vehicles(team, &observed);
@@ -208,7 +207,7 @@ impl Recording {
     }
 
     /// A fleet at this time, from the places of its vehicles.
-    fn places(&mut self, at_s: f64) -> Result<(Snapshot, Vec<ObservedVehicle>), RecordError> {
+    fn places(&mut self, at_s: f64) -> Result<(Snapshot, Vec<Known>), RecordError> {
         let places = self.player.places(at_s)?;
         let (mut all, mut teams, mut there) = (Vec::new(), Vec::new(), 0);
         for team in &self.teams {

@@ -4,17 +4,16 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use nalgebra::Vector2;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{TeamId, VehicleId, VehicleName};
-use skein_common::message::Verb;
+use skein_common::message::{FactValues, VehicleFacts};
 use skein_common::scenario::{Formation, SafetyFilter, Scenario};
 use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::record::PlayedPlace;
 
 use skein_cluster::display::status::{self, Known, Row};
-use skein_cluster::sample::VehicleSample;
 
 /// A swarm with more vehicles is shown by the places of all and the details of those that a page asks for.
 pub(super) const LARGE: usize = 100;
@@ -25,7 +24,7 @@ const MOST_NEAREST: usize = 600;
 
 /// A swarm, or a team of a fleet, with what does not change in flight.
 pub(super) struct Team {
-    /// What it flies.
+    /// The scenario that it flies.
     pub(super) scenario: Scenario,
     /// Origins of the team's frame and of the fleet's; `None` for a swarm that flies alone.
     frames: Option<(Origin, Origin)>,
@@ -66,14 +65,6 @@ impl Team {
         let velocity = of_fleet.velocity_from_local(of_team.velocity_to_local(velocity));
         (velocity, of_fleet.attitude_from_local(of_team.attitude_to_local(attitude)))
     }
-}
-
-/// One vehicle of a team, with what was received of it.
-pub(super) struct ObservedVehicle {
-    /// What is known of it.
-    pub(super) known: Known,
-    /// The order that it follows.
-    pub(super) order: Option<Verb>,
 }
 
 /// How bad something is.
@@ -155,11 +146,8 @@ pub(super) struct Vehicle {
     pub(super) field_ne: Option<[f64; 2]>,
     pub(super) error_ne_m: Option<[f64; 2]>,
     pub(super) controls: Option<[f64; 4]>,
-    /// Share of the energy that is left, 0 to 1.
-    pub(super) energy_left: Option<f64>,
-    pub(super) frame_rate_hz: Option<f64>,
-    pub(super) jitter_ms: Option<f64>,
-    pub(super) step_p99_us: Option<f64>,
+    #[serde(flatten, serialize_with = "for_the_page")]
+    pub(super) facts: FactValues,
     pub(super) overruns: Option<u64>,
     pub(super) refused: Option<u64>,
     pub(super) unsent: Option<u64>,
@@ -176,6 +164,11 @@ pub(super) struct Vehicle {
     is_landed: bool,
     #[serde(skip)]
     is_on_the_ground: bool,
+}
+
+fn for_the_page<S: Serializer>(facts: &FactValues, to: S) -> Result<S::Ok, S::Error> {
+    let shown = facts.iter().filter(|(fact, _)| fact.on_page);
+    to.collect_map(shown.map(|(fact, value)| (fact.key, value.map(rounded))))
 }
 
 /// The message with a snapshot.
@@ -236,7 +229,7 @@ impl Vehicle {
         self.contact && !self.is_on_the_ground
     }
 
-    /// What the bytes of a large swarm say of it besides its place.
+    /// The flags in the bytes of a large swarm, beside its place.
     fn flags(&self) -> u8 {
         let flags = [
             self.contact,
@@ -272,23 +265,22 @@ impl Vehicle {
 }
 
 /// The vehicles of a team, and their rows in the table of `fly`.
-pub(super) fn vehicles(team: &Team, observed: &[ObservedVehicle]) -> (Vec<Row>, Vec<Vehicle>) {
-    let known: Vec<Known> = observed.iter().map(|vehicle| vehicle.known.clone()).collect();
-    let rows = status::rows(&known, &team.scenario);
+pub(super) fn vehicles(team: &Team, observed: &[Known]) -> (Vec<Row>, Vec<Vehicle>) {
+    let rows = status::rows(observed, &team.scenario);
     let vehicles = observed.iter().zip(&rows).map(|(vehicle, row)| of_sample(team, vehicle, row)).collect();
     (rows, vehicles)
 }
 
-fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, row: &Row) -> Vehicle {
+fn of_sample(team: &Team, known: &Known, row: &Row) -> Vehicle {
     let id = team.name(known.id).to_string();
     let Some((sample, silent)) = &known.newest else {
         return Vehicle { id, phase: Some(row.phase.clone()), ..Vehicle::default() };
     };
     let contact = known.flying().is_some();
-    let position = team.to_page(if contact { sample.position } else { dead_reckoned(sample, *silent) });
+    let position = team.to_page(if contact { sample.place() } else { dead_reckoned(sample, *silent) });
     let [north_m, east_m] = sample.centre_ne_m;
     let centre = team.to_page(PositionNed::new(north_m, east_m, 0.0));
-    let (velocity, attitude) = team.motion_to_page(sample.position, sample.velocity, sample.attitude);
+    let (velocity, attitude) = team.motion_to_page(sample.place(), sample.velocity, sample.attitude);
     let process = sample.process;
     Vehicle {
         id,
@@ -301,7 +293,7 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
         reached: sample.reached,
         live: Some(sample.live),
         ne_m: Some([rounded(position.north_m()), rounded(position.east_m())]),
-        altitude_m: Some(rounded(sample.position.altitude_m())),
+        altitude_m: Some(rounded(sample.place().altitude_m())),
         velocity_ned_m_s: Some(<[f64; 3]>::from(velocity).map(rounded)),
         attitude_rad: Some([attitude.roll_rad, attitude.pitch_rad, attitude.heading_rad].map(rounded)),
         centre_ne_m: Some([rounded(centre.north_m()), rounded(centre.east_m())]),
@@ -312,15 +304,12 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
         field_ne: sample.field_ne.map(|field| field.map(rounded)),
         error_ne_m: sample.error_ne_m.map(|error| error.map(rounded)),
         controls: sample.controls.map(|controls| controls.map(rounded)),
-        energy_left: sample.energy_left.map(rounded),
-        frame_rate_hz: process.map(|process| rounded(process.frame_rate_hz)),
-        jitter_ms: process.map(|process| rounded(process.jitter_ms)),
-        step_p99_us: process.map(|process| rounded(process.step_p99_us)),
+        facts: FactValues::of(sample),
         overruns: process.map(|process| process.frame_overruns),
         refused: process.map(|process| process.dropped),
         unsent: process.map(|process| process.unsent),
         failures: sample.failures.iter().map(ToString::to_string).collect(),
-        order: order.map(|verb| verb.to_string()),
+        order: known.order.map(|verb| verb.to_string()),
         peers: sample
             .peers
             .iter()
@@ -337,16 +326,16 @@ fn of_sample(team: &Team, ObservedVehicle { known, order }: &ObservedVehicle, ro
 }
 
 /// The formation of this vehicle's step, if an operator has changed it in flight.
-fn changed_formation(team: &Team, sample: &VehicleSample) -> Option<Value> {
+fn changed_formation(team: &Team, sample: &VehicleFacts) -> Option<Value> {
     let formation = team.scenario.formation_with(sample.step, &sample.settings);
     formation.filter(|_| !sample.settings.is_empty()).map(|formation| drawn_formation(&formation))
 }
 
 /// Where a vehicle probably is that has been silent for this time.
-fn dead_reckoned(sample: &VehicleSample, silent: Duration) -> PositionNed {
+fn dead_reckoned(sample: &VehicleFacts, silent: Duration) -> PositionNed {
     let moved = if sample.activity == Activity::Landed { 0.0 } else { silent.as_secs_f64().min(DEAD_RECKONED_S) };
-    let mut position = sample.position + sample.velocity.0 * moved;
-    position.0.z = sample.position.0.z;
+    let mut position = sample.place() + sample.velocity.0 * moved;
+    position.0.z = sample.place().0.z;
     position
 }
 
@@ -408,7 +397,7 @@ pub(super) fn standing(standing: PeerStatus) -> &'static str {
     }
 }
 
-/// What the page draws of a formation: as the scenario has it, or as an operator has changed it in flight.
+/// The figures of a formation that the page draws: as the scenario has it, or as an operator has changed it in flight.
 pub(super) fn drawn_formation(formation: &Formation) -> Value {
     json!({
         "law": formation.law.name(),

@@ -3,18 +3,17 @@ use std::collections::BTreeSet;
 use serde_json::{Value, json};
 use skein_common::frame::{Attitude, PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleName};
-use skein_common::message::{Failure, PeerContact};
+use skein_common::message::{Failure, PeerContact, ProcessFigures, VehicleFacts};
 use skein_common::scenario::{Scenario, Setting, Source, load, load_any};
 use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::record::{PlayedPlace, Player, VehiclePlace};
 
 use super::field::Field;
 use super::hello::{OrderRule, SourceKind, Span};
-use super::snapshot::{Level, ObservedVehicle, Snapshot, Status, Team, Vehicle, add_nearest, vehicles};
+use super::snapshot::{Level, Snapshot, Status, Team, Vehicle, add_nearest, vehicles};
 use super::verdict::Judged;
 use super::*;
 use skein_cluster::display::status::Known;
-use skein_cluster::sample::{ProcessFigures, VehicleSample};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
@@ -30,27 +29,22 @@ fn four() -> Team {
 }
 
 /// Vehicle `number` of four, evenly on the ring, received so long ago.
-fn observed(number: u8, silent_s: f64, change: impl FnOnce(&mut VehicleSample)) -> ObservedVehicle {
+fn observed(number: u8, silent_s: f64, change: impl FnOnce(&mut VehicleFacts)) -> Known {
     let bearing_rad = f64::from(number) * std::f64::consts::FRAC_PI_2;
     let (sin, cos) = skein_common::math::sin_cos(bearing_rad);
     let peer = |other: u8| PeerContact { id: id(other), age_ms: 80 + u32::from(other), standing: PeerStatus::Fresh };
-    let mut sample = VehicleSample {
+    let mut sample = VehicleFacts {
         flown_s: Some(12.34),
         activity: Activity::Formation,
         membership: Membership::Active,
-        step: 0,
-        reached: None,
         in_place_s: Some(9.0),
-        settings: Vec::new(),
         live: 4,
-        position: PositionNed::new(100.0 * cos, 100.0 * sin, -30.0),
+        position: Some(PositionNed::new(100.0 * cos, 100.0 * sin, -30.0)),
         velocity: VelocityNed::new(1.0, -2.0, 0.5),
         attitude: Attitude { roll_rad: 0.01, pitch_rad: -0.02, heading_rad: 1.5 },
-        centre_ne_m: [0.0, 0.0],
         altitude_setpoint_m: Some(30.0),
         field_ne: Some([0.1, -0.1]),
         error_ne_m: Some([1.5, 0.0]),
-        controls: None,
         energy_left: Some(0.5),
         process: Some(ProcessFigures {
             frame_rate_hz: 50.0,
@@ -60,15 +54,15 @@ fn observed(number: u8, silent_s: f64, change: impl FnOnce(&mut VehicleSample)) 
             dropped: 2,
             unsent: 1,
         }),
-        failures: Vec::new(),
         peers: (1..=4).filter(|other| *other != number).map(peer).collect(),
+        ..VehicleFacts::default()
     };
     change(&mut sample);
     let newest = Some((sample, Duration::from_secs_f64(silent_s)));
-    ObservedVehicle { known: Known { id: id(number), newest, is_healthy: true, ended: None }, order: None }
+    Known { id: id(number), newest, is_healthy: true, ended: None, order: None }
 }
 
-fn snapshot(team: &Team, observed: &[ObservedVehicle]) -> Snapshot {
+fn snapshot(team: &Team, observed: &[Known]) -> Snapshot {
     let (rows, mut all) = vehicles(team, observed);
     add_nearest(&mut all);
     let status = verdict::status(&[Judged { team, observed, rows: &rows, vehicles: &all }]);
@@ -119,7 +113,7 @@ fn a_vehicle_in_the_phase_formation_that_is_not_in_its_place_is_under_way() {
     let strayed = |number: u8| {
         observed(number, 0.0, |sample| {
             sample.in_place_s = None;
-            sample.position = PositionNed::new(240.0 * f64::from(number), 0.0, -30.0);
+            sample.position = Some(PositionNed::new(240.0 * f64::from(number), 0.0, -30.0));
         })
     };
     let far = snapshot(&team, &[1, 2, 3, 4].map(strayed));
@@ -148,7 +142,7 @@ fn what_an_operator_has_set_is_drawn_from_when_it_takes_effect() {
     let tuned = |number: u8, radius: &str| {
         observed(number, 0.0, |sample| sample.settings = vec![set(radius), set("formation.safety_distance_m=200")])
     };
-    let at = |all: &[ObservedVehicle]| as_json(&snapshot(&team, all));
+    let at = |all: &[Known]| as_json(&snapshot(&team, all));
     let before = at(&[1, 2, 3, 4].map(|number| observed(number, 0.0, |_| ())));
     assert_eq!(before["vehicles"][0]["formation"], Value::Null, "as the scenario has it");
     // On the way to 80 m.
@@ -173,7 +167,7 @@ fn a_silent_vehicle_stays_where_dead_reckoning_puts_it_for_five_seconds() {
     let at = |silent_s: f64| {
         let all = [
             observed(1, 0.0, |_| ()),
-            observed(3, silent_s, |sample| sample.position = PositionNed::new(0.0, 0.0, -30.0)),
+            observed(3, silent_s, |sample| sample.position = Some(PositionNed::new(0.0, 0.0, -30.0))),
         ];
         let json = as_json(&snapshot(&team, &all));
         (json["vehicles"][1].clone(), json["status"].clone())
@@ -196,8 +190,8 @@ fn a_silent_vehicle_stays_where_dead_reckoning_puts_it_for_five_seconds() {
 #[test]
 fn the_status_names_what_is_wrong_the_worst_first() {
     let team = four();
-    let status = |observed: &[ObservedVehicle]| snapshot(&team, observed).status;
-    let all = |change: fn(u8, &mut VehicleSample)| {
+    let status = |observed: &[Known]| snapshot(&team, observed).status;
+    let all = |change: fn(u8, &mut VehicleFacts)| {
         [1, 2, 3, 4].map(|number| observed(number, 0.0, |sample| change(number, sample)))
     };
     let good = status(&all(|_, _| ()));
@@ -227,7 +221,7 @@ fn the_status_names_what_is_wrong_the_worst_first() {
         1 => sample.failures = vec![Failure::Engine],
         2 => sample.process = sample.process.map(|process| ProcessFigures { frame_rate_hz: 31.0, ..process }),
         3 => sample.activity = Activity::Blind,
-        _ => sample.position = PositionNed::new(1.0, -100.0, -30.0),
+        _ => sample.position = Some(PositionNed::new(1.0, -100.0, -30.0)),
     }));
     assert_eq!(several.level, Level::Bad);
     let expected = [

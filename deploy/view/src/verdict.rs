@@ -6,8 +6,8 @@ use skein_common::id::VehicleId;
 use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::metrics::COLLISION_M;
 
-use super::snapshot::{Level, ObservedVehicle, Status, Team, Vehicle, safety_distance_m};
-use skein_cluster::display::status::{self, Overview, Row};
+use super::snapshot::{Level, Status, Team, Vehicle, safety_distance_m};
+use skein_cluster::display::status::{self, Known, Row};
 use skein_cluster::mesh::order::ranges;
 
 /// A vehicle of which the simulator delivers fewer frames a second flies worse.
@@ -18,7 +18,7 @@ const MOST_REASONS: usize = 8;
 /// What the status of a team is made of: what does not change, what was observed, the rows of its table, and what the page shows.
 pub(super) struct Judged<'a> {
     pub(super) team: &'a Team,
-    pub(super) observed: &'a [ObservedVehicle],
+    pub(super) observed: &'a [Known],
     pub(super) rows: &'a [Row],
     pub(super) vehicles: &'a [Vehicle],
 }
@@ -42,7 +42,6 @@ pub(super) fn status(teams: &[Judged<'_>]) -> Status {
 fn line(teams: &[Judged<'_>], rows: &[Row]) -> String {
     let has_gaps =
         teams.iter().all(|judged| status::has_gaps(&judged.team.scenario, judged.rows.iter().find_map(|row| row.step)));
-    let overview = Overview { rows, has_gaps };
     let steps = || rows.iter().filter_map(|row| row.step);
     let last = teams.iter().map(|judged| judged.team.scenario.mission.steps.len().saturating_sub(1)).max().unwrap_or(0);
     let step = steps().min().zip(steps().max()).filter(|_| last > 0).map(|(least, most)| match least == most {
@@ -51,11 +50,11 @@ fn line(teams: &[Judged<'_>], rows: &[Row]) -> String {
     });
     let nearest =
         teams.iter().flat_map(|judged| judged.vehicles).filter_map(|vehicle| vehicle.nearest_m).reduce(f64::min);
-    let oldest = rows.iter().filter_map(|row| row.peer_age_ms).reduce(f64::max);
+    let oldest = rows.iter().filter_map(|row| row.facts.get("peer_age_ms")).reduce(f64::max);
     let parts = [
-        Some(overview.phases()).filter(|_| !rows.is_empty()),
+        Some(status::phases(rows)).filter(|_| !rows.is_empty()),
         step,
-        overview.worst_gap_deg().map(|off_deg| format!("worst gap {off_deg:.1}°")),
+        status::worst_gap_deg(rows, has_gaps).map(|off_deg| format!("worst gap {off_deg:.1}°")),
         nearest.map(|nearest_m| format!("nearest {nearest_m:.1} m")),
         oldest.map(|age_ms| format!("oldest message {age_ms:.0} ms")),
     ];
@@ -65,7 +64,7 @@ fn line(teams: &[Judged<'_>], rows: &[Row]) -> String {
 /// What is wrong in one team.
 fn reasons_of(judged: &Judged<'_>) -> Vec<(Level, String)> {
     let mut reasons = Vec::new();
-    for (ObservedVehicle { known, .. }, vehicle) in judged.observed.iter().zip(judged.vehicles) {
+    for (known, vehicle) in judged.observed.iter().zip(judged.vehicles) {
         let id = &vehicle.id;
         let Some((sample, silent)) = &known.newest else {
             reasons.push((Level::Warn, format!("vehicle {id}: nothing received yet")));
@@ -97,8 +96,7 @@ fn reasons_of(judged: &Judged<'_>) -> Vec<(Level, String)> {
 /// Vehicles in contact with this observer that are not in contact with each other.
 fn partitions(judged: &Judged<'_>) -> Vec<(Level, String)> {
     let team = judged.team.id().map_or_else(String::new, |team| format!("team {team}: "));
-    let there: Vec<_> =
-        judged.observed.iter().filter_map(|vehicle| Some((vehicle.known.id, vehicle.known.flying()?))).collect();
+    let there: Vec<_> = judged.observed.iter().filter_map(|vehicle| Some((vehicle.id, vehicle.flying()?))).collect();
     let there = there.iter().filter(|(_, sample)| sample.membership == Membership::Active);
     let members: BTreeMap<VehicleId, _> = there.map(|(id, sample)| (*id, *sample)).collect();
     let mut reasons = Vec::new();
@@ -142,7 +140,7 @@ fn partitions(judged: &Judged<'_>) -> Vec<(Level, String)> {
 /// Pairs in the air that are too near to each other.
 fn near_pairs(teams: &[Judged<'_>]) -> Vec<(Level, String)> {
     let safety_m = |judged: &Judged<'_>, nth: usize| {
-        let newest = judged.observed.get(nth).and_then(|vehicle| vehicle.known.newest.as_ref());
+        let newest = judged.observed.get(nth).and_then(|vehicle| vehicle.newest.as_ref());
         let (step, settings) =
             newest.map_or((0, [].as_slice()), |(sample, _)| (sample.step, sample.settings.as_slice()));
         safety_distance_m(&*judged.team.scenario.formation_with(step, settings)?)

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use skein_agent::link::signature::SigningKey;
 use skein_agent::link::signature::messages::KeyRing;
-use skein_common::frame::{Attitude, Geodetic, PositionNed, VelocityNed};
+use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{
     Area, ClockAnswer, ClockOffset, Drops, Encoding, Event, EventKind, Failure, Header, Health, Heartbeat, Intent,
-    Message, Order, PeerContact, PeerHealth, Reason, Refused, Signature, SimulatorFault, State, Summary, Trace,
-    Traffic, VERSION, Verb, decode, encode,
+    Message, Order, PeerContact, PeerHealth, ProcessFigures, Reason, Refused, Signature, SimulatorFault, State,
+    Summary, Trace, Traffic, VERSION, VehicleFacts, Verb, decode, encode,
 };
 use skein_common::scenario::{Setting, TunableKey};
 use skein_common::state::{Activity, Membership, PeerStatus, VehicleState};
@@ -142,36 +142,36 @@ fn signed() -> (KeyRing, String, Vec<u8>) {
 
 #[test]
 fn a_summary_is_refused_or_plausible_and_stays_the_same() {
-    let summary = Summary {
-        header: header(3, 9),
-        plant_time: PlantTime::from_seconds(12.5),
-        flown_s: Some(2.5),
-        activity: Activity::Formation,
-        membership: Membership::Active,
-        step: 1,
-        reached: Some(0),
-        in_place_s: None,
-        settings: vec![Setting { key: TunableKey::Radius, value: 80.0 }],
-        live: 3,
-        position: Some(PositionNed::new(1.0, -2.0, -30.0)),
-        velocity: VelocityNed::new(1.0, -2.0, 0.5),
-        attitude: Attitude::default(),
-        centre_ne_m: [0.0, 5.0],
-        altitude_setpoint_m: Some(30.0),
-        field_ne: Some([0.5, -0.5]),
-        error_ne_m: None,
-        controls: Some([0.1, -0.1, 0.0, 0.5]),
-        power_w: Some(900.0),
-        energy_left: Some(0.5),
+    let process = ProcessFigures {
         frame_rate_hz: 50.0,
         jitter_ms: 1.0,
         step_p99_us: 80.0,
         frame_overruns: 0,
         dropped: 4,
         unsent: 7,
+    };
+    let facts = VehicleFacts {
+        flown_s: Some(2.5),
+        activity: Activity::Formation,
+        membership: Membership::Active,
+        step: 1,
+        reached: Some(0),
+        settings: vec![Setting { key: TunableKey::Radius, value: 80.0 }],
+        live: 3,
+        position: Some(PositionNed::new(1.0, -2.0, -30.0)),
+        velocity: VelocityNed::new(1.0, -2.0, 0.5),
+        centre_ne_m: [0.0, 5.0],
+        altitude_setpoint_m: Some(30.0),
+        field_ne: Some([0.5, -0.5]),
+        controls: Some([0.1, -0.1, 0.0, 0.5]),
+        power_w: Some(900.0),
+        energy_left: Some(0.5),
+        process: Some(process),
         failures: vec![Failure::Servo],
         peers: vec![PeerContact { id: id(4), age_ms: 120, standing: PeerStatus::Fresh }; 2],
+        ..VehicleFacts::default()
     };
+    let summary = Summary { header: header(3, 9), plant_time: PlantTime::from_seconds(12.5), facts };
     let example = encode(&summary);
     assert_eq!(decode::<Summary>(&example), Ok(summary));
     explore(10_000, &[example], assert_refused_or_plausible::<Summary>);

@@ -2,6 +2,8 @@
 //! terminals. Where a set does not fit, whole columns are left out, the least important first: a number that lacks digits would be
 //! read as another number.
 
+use skein_common::message::{FACTS, Fact, FactColumn};
+
 use super::status::Row;
 
 /// A column of the table.
@@ -9,106 +11,112 @@ use super::status::Row;
 pub struct Column {
     /// Its heading.
     pub title: &'static str,
-    /// Its least width; it is as wide as its widest cell.
+    /// The least width of its cells; it is as wide as its heading and its widest cell.
     pub width: u16,
     /// Its place in the order of importance: of the columns of a set that do not fit, the one with the greatest is left out first.
     pub rank: u8,
-    /// What it shows, in which unit, and which values are bad.
+    /// The meaning of its cells, their unit, and which values are bad.
     pub about: &'static str,
-    /// What a vehicle has there.
-    pub cell: fn(&Row) -> String,
+    content: Content,
 }
 
-const PHASE: &str = "what the vehicle does: formation (at its altitude and in its place), under way (not there); a red row: silent (no message for 1 s), blind or no frames (no data from its simulator), killed, lost";
-const STEP: &str = "step of the mission, counted from 0";
-const ALTITUDE: &str = "altitude above the origin, m";
-const CENTRE: &str = "distance from the formation's centre, along the ellipse (ρ), m";
-const NEAREST: &str = "distance to the nearest other vehicle, m; below 2 m is a collision";
-const FRAMES: &str = "simulator frames per second; bad if far below 50 (below the simulator's own rate)";
-const AGE: &str = "age of the oldest state of a peer in contact, with delay, ms; above 500 is stale";
-const STEP_TIME: &str = "99th percentile of the time from a frame to its control, µs; bad above 20000";
+/// The content of a column.
+#[derive(Clone, Copy, Debug)]
+enum Content {
+    Text(fn(&Row) -> String),
+    Number(&'static Fact),
+}
 
-/// For terminals of 80 columns.
-pub const NARROW: [Column; 11] = [
-    Column {
-        title: "id",
-        width: 3,
-        rank: 0,
-        about: "number of the vehicle; in a fleet with its team, or of a team",
-        cell: |row| row.name.clone(),
-    },
-    Column { title: "phase", width: 11, rank: 1, about: PHASE, cell: |row| row.shown_phase().to_owned() },
-    Column { title: "step", width: 4, rank: 4, about: STEP, cell: |row| optional(row.step) },
-    Column { title: "alt m", width: 5, rank: 2, about: ALTITUDE, cell: |row| number(row.altitude_m, 1) },
-    Column { title: "ρ m", width: 5, rank: 7, about: CENTRE, cell: |row| number(row.from_centre_m, 1) },
-    Column {
-        title: "gap °",
-        width: 11,
-        rank: 5,
-        about: "angle clockwise to the next vehicle, and by how much it is more than an even share, degrees; bad beyond ±10 once in formation",
-        cell: |row| row.gap_deg.map_or_else(none, |(gap, excess)| format!("{gap:.1} {excess:+.1}")),
-    },
-    Column { title: "near m", width: 6, rank: 3, about: NEAREST, cell: |row| number(row.nearest_m, 1) },
-    Column { title: "Hz", width: 4, rank: 8, about: FRAMES, cell: |row| number(row.frame_rate_hz, 1) },
-    Column { title: "peer ms", width: 7, rank: 9, about: AGE, cell: |row| number(row.peer_age_ms, 0) },
-    Column { title: "p99 µs", width: 6, rank: 12, about: STEP_TIME, cell: |row| number(row.step_p99_us, 0) },
-    Column {
-        title: "late/dr",
-        width: 7,
-        rank: 10,
-        about: "steps that ended after the next frame was due, and messages that were dropped; both grow if this PC is too slow",
-        cell: |row| row.late_dropped.map_or_else(none, |(late, dropped)| format!("{late}/{dropped}")),
-    },
+impl Column {
+    /// The text of a row in this column.
+    pub fn cell(&self, row: &Row) -> String {
+        match self.content {
+            Content::Text(text) => text(row),
+            Content::Number(fact) => number(row.facts.get(fact.key).map(|value| fact.factor * value), fact.decimals),
+        }
+    }
+}
+
+/// The columns for terminals of 80 columns, or for those of at least [`WIDE_COLUMNS`] columns.
+pub fn set(is_wide: bool) -> Vec<Column> {
+    let of_fact = |fact: &'static Fact| {
+        let FactColumn { titles, width, rank, about } = fact.column?;
+        Some((titles, width, rank, about, Content::Number(fact)))
+    };
+    let own = |&(titles, width, rank, about, text): &OwnColumn| (titles, width, rank, about, Content::Text(text));
+    let facts = FACTS.iter().filter_map(of_fact);
+    let all = FLIGHT.iter().map(own).chain(facts).chain(COUNTS.iter().map(own));
+    all.map(|([narrow, wide], width, rank, about, content)| Column {
+        title: if is_wide { wide } else { narrow },
+        width,
+        rank,
+        about,
+        content,
+    })
+    .filter(|column| !column.title.is_empty())
+    .collect()
+}
+
+/// A column that is more than one fact: its narrow and its wide heading (none in a set that lacks it), width, rank, meaning, and
+/// the text of a row.
+type OwnColumn = ([&'static str; 2], u16, u8, &'static str, fn(&Row) -> String);
+
+/// The columns before those of the facts.
+const FLIGHT: &[OwnColumn] = &[
+    (["id", ""], 3, 0, "number of the vehicle; in a fleet with its team, or of a team", |row| row.name.clone()),
+    (["", "vehicle"], 7, 0, "its number; in a fleet with its team, or the number of a team", |row| row.name.clone()),
+    (
+        ["phase", "phase"],
+        11,
+        1,
+        "what the vehicle does: formation (at its altitude and in its place), under way (not there); a red row: silent (no message for 1 s), blind or no frames (no data from its simulator), killed, lost",
+        |row| row.shown_phase().to_owned(),
+    ),
+    (["step", "step"], 4, 4, "step of the mission, counted from 0", |row| optional(row.step)),
+    (["alt m", "altitude m"], 5, 2, "altitude above the origin, m", |row| number(row.altitude_m, 1)),
+    (["ρ m", "centre m"], 5, 7, "distance from the formation's centre, along the ellipse (ρ), m", |row| {
+        number(row.from_centre_m, 1)
+    }),
+    (
+        ["gap °", ""],
+        11,
+        5,
+        "angle clockwise to the next vehicle, and by how much it is more than an even share, degrees; bad beyond ±10 once in formation",
+        |row| row.gap_deg.map_or_else(none, |(gap, excess)| format!("{gap:.1} {excess:+.1}")),
+    ),
+    (["", "gap °"], 6, 5, "angle clockwise to the next vehicle, degrees", |row| {
+        number(row.gap_deg.map(|(gap, _)| gap), 1)
+    }),
+    (
+        ["", "off even °"],
+        10,
+        6,
+        "by how much that gap is more than an even share, degrees; bad beyond ±10 once in formation",
+        |row| row.gap_deg.map_or_else(none, |(_, excess)| format!("{excess:+.1}")),
+    ),
+    (["near m", "nearest m"], 6, 3, "distance to the nearest other vehicle, m; below 2 m is a collision", |row| {
+        number(row.nearest_m, 1)
+    }),
 ];
 
-/// For terminals of at least [`WIDE_COLUMNS`] columns.
-pub const WIDE: [Column; 13] = [
-    Column {
-        title: "vehicle",
-        width: 7,
-        rank: 0,
-        about: "its number; in a fleet with its team, or the number of a team",
-        cell: |row| row.name.clone(),
-    },
-    Column { title: "phase", width: 11, rank: 1, about: PHASE, cell: |row| row.shown_phase().to_owned() },
-    Column { title: "step", width: 4, rank: 4, about: STEP, cell: |row| optional(row.step) },
-    Column { title: "altitude m", width: 10, rank: 2, about: ALTITUDE, cell: |row| number(row.altitude_m, 1) },
-    Column { title: "centre m", width: 8, rank: 7, about: CENTRE, cell: |row| number(row.from_centre_m, 1) },
-    Column {
-        title: "gap °",
-        width: 6,
-        rank: 5,
-        about: "angle clockwise to the next vehicle, degrees",
-        cell: |row| number(row.gap_deg.map(|(gap, _)| gap), 1),
-    },
-    Column {
-        title: "off even °",
-        width: 10,
-        rank: 6,
-        about: "by how much that gap is more than an even share, degrees; bad beyond ±10 once in formation",
-        cell: |row| row.gap_deg.map_or_else(none, |(_, excess)| format!("{excess:+.1}")),
-    },
-    Column { title: "nearest m", width: 9, rank: 3, about: NEAREST, cell: |row| number(row.nearest_m, 1) },
-    Column { title: "frames/s", width: 8, rank: 8, about: FRAMES, cell: |row| number(row.frame_rate_hz, 1) },
-    Column { title: "peer age ms", width: 11, rank: 9, about: AGE, cell: |row| number(row.peer_age_ms, 0) },
-    Column { title: "p99 step µs", width: 11, rank: 12, about: STEP_TIME, cell: |row| number(row.step_p99_us, 0) },
-    Column {
-        title: "late",
-        width: 4,
-        rank: 10,
-        about: "steps that ended after the next frame was due; if it grows, this PC is too slow",
-        cell: |row| optional(row.late_dropped.map(|(late, _)| late)),
-    },
-    Column {
-        title: "dropped",
-        width: 7,
-        rank: 11,
-        about: "messages that were not understood, not believed or too old; bad if it grows",
-        cell: |row| optional(row.late_dropped.map(|(_, dropped)| dropped)),
-    },
+/// The columns after those of the facts.
+const COUNTS: &[OwnColumn] = &[
+    (
+        ["late/dr", ""],
+        7,
+        10,
+        "steps that ended after the next frame was due, and messages that were dropped; both grow if this PC is too slow",
+        |row| row.late_dropped.map_or_else(none, |(late, dropped)| format!("{late}/{dropped}")),
+    ),
+    (["", "late"], 4, 10, "steps that ended after the next frame was due; if it grows, this PC is too slow", |row| {
+        optional(row.late_dropped.map(|(late, _)| late))
+    }),
+    (["", "dropped"], 7, 11, "messages that were not understood, not believed or too old; bad if it grows", |row| {
+        optional(row.late_dropped.map(|(_, dropped)| dropped))
+    }),
 ];
 
-/// The columns of a terminal that has room for [`WIDE`].
+/// The columns of a terminal that has room for the wide set.
 pub const WIDE_COLUMNS: u16 = 120;
 
 /// A column as a table shows it.
@@ -123,7 +131,7 @@ pub struct Fitted {
 /// The columns of a set that fit into `room` with a space between them and every cell of these rows whole.
 pub fn fitting(set: &[Column], rows: &[Row], room: u16) -> Vec<Fitted> {
     let fit = |column: &Column| {
-        let cells = rows.iter().map(|row| (column.cell)(row).chars().count());
+        let cells = rows.iter().map(|row| column.cell(row).chars().count());
         let widest = cells.chain([column.title.chars().count()]).max().unwrap_or(0);
         Fitted { column: *column, width: column.width.max(u16::try_from(widest).unwrap_or(u16::MAX)) }
     };
@@ -157,11 +165,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_set_fits_its_terminal_and_every_heading_its_column() {
-        for (columns, room) in [(&NARROW[..], 80), (&WIDE[..], WIDE_COLUMNS)] {
-            let widths: u16 = columns.iter().map(|column| column.width).sum();
-            assert!(widths + columns.len() as u16 - 1 <= room, "{widths}");
-            assert!(columns.iter().all(|column| column.title.chars().count() <= usize::from(column.width)));
+    fn every_set_fits_its_terminal() {
+        for (columns, room) in [(set(false), 80), (set(true), WIDE_COLUMNS)] {
+            let fitted = fitting(&columns, &[], room);
+            assert_eq!(fitted.len(), columns.len(), "{}", needed(&fitted));
             let ranks: std::collections::BTreeSet<u8> = columns.iter().map(|column| column.rank).collect();
             assert_eq!(ranks.len(), columns.len(), "the order of importance is of all columns");
         }

@@ -30,12 +30,12 @@ pub struct When {
     pub window_s: Option<f64>,
 }
 
-/// What several vehicles do alike.
+/// A thing that several vehicles do alike.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Alike {
-    /// What one vehicle does: `takes part`.
+    /// The text for one vehicle: `takes part`.
     pub one: String,
-    /// What several do: `take part`.
+    /// The text for several: `take part`.
     pub several: String,
     /// Every vehicle does this sooner or later. Otherwise it is news at once, for each vehicle.
     pub by_all: bool,

@@ -34,18 +34,9 @@ pub fn columns() -> usize {
 pub struct Screen {
     face: Face,
     next: Option<Instant>,
-    /// What is shown instead of the flight.
-    instead: Instead,
+    shown: Shown,
     /// The QR code of the live page's address, if a phone can open it.
     code: Option<String>,
-}
-
-/// What a key shows instead of the flight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Instead {
-    Nothing,
-    Columns,
-    Code,
 }
 
 #[derive(Debug)]
@@ -65,7 +56,7 @@ impl Screen {
             Some(Ok(terminal)) => Face::Table(terminal),
             _ => Face::Lines { on_stderr: result_on_stdout },
         };
-        Self { face, next: None, instead: Instead::Nothing, code: None }
+        Self { face, next: None, shown: Shown::Flight, code: None }
     }
 
     /// Whether it is time for [`Self::show`], if lines about events wait or not.
@@ -77,16 +68,11 @@ impl Screen {
     /// Shows the state of the flight; without a table the `news`, and now and then the figures. Output errors are ignored:
     /// the terminal may be closed.
     pub fn show(&mut self, status: &FlightStatus, news: &[String], now: Instant) {
-        let shown = match (self.instead, self.code.as_deref()) {
-            (Instead::Columns, _) => Shown::Columns,
-            (Instead::Code, Some(code)) => Shown::Code(code),
-            (_, code) => Shown::Flight { has_code: code.is_some() },
-        };
         match &mut self.face {
             Face::Table(terminal) => {
                 self.next = Some(now + PICTURE);
                 let _ = terminal.draw(|frame| {
-                    table::draw(frame, status, shown);
+                    table::draw(frame, status, self.shown, self.code.as_deref());
                     if !wants_colours() {
                         without_colours(frame.buffer_mut());
                     }
@@ -113,9 +99,9 @@ impl Screen {
                     match key.code {
                         KeyCode::Char('q') => count += 1,
                         KeyCode::Char('c') if control => count += 1,
-                        KeyCode::Char('?' | 'h') => self.toggle(Instead::Columns),
-                        KeyCode::Char('p') => self.toggle(Instead::Code),
-                        KeyCode::Esc => self.toggle(self.instead),
+                        KeyCode::Char('?' | 'h') => self.toggle(Shown::Columns),
+                        KeyCode::Char('p') => self.toggle(Shown::Code),
+                        KeyCode::Esc => self.toggle(self.shown),
                         _ => {}
                     }
                 }
@@ -131,8 +117,8 @@ impl Screen {
         self.code = code;
     }
 
-    fn toggle(&mut self, what: Instead) {
-        self.instead = if self.instead == what { Instead::Nothing } else { what };
+    fn toggle(&mut self, what: Shown) {
+        self.shown = if self.shown == what { Shown::Flight } else { what };
         self.next = None;
     }
 }

@@ -5,15 +5,15 @@ use std::f64::consts::TAU;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector2;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use skein_common::id::{TeamId, VehicleId};
 use skein_common::math;
+use skein_common::message::{FactValues, VehicleFacts, Verb};
 use skein_common::scenario::{Pattern, Scenario, Vertical};
-use skein_common::state::{Activity, Membership, PeerStatus};
+use skein_common::state::{Activity, Membership};
 use skein_core::formation;
 
 use crate::mesh::observe::VehicleView;
-use crate::sample::VehicleSample;
 use skein_lab::terminal::shortened;
 
 /// A vehicle silent for this long is shown as silent.
@@ -58,7 +58,7 @@ pub struct FlightStatus {
     pub team: Option<TeamId>,
     /// The formation has even gaps around its centre.
     pub has_gaps: bool,
-    /// What happened, the newest last.
+    /// The events so far, the newest last.
     pub events: Vec<String>,
 }
 
@@ -69,20 +69,19 @@ impl FlightStatus {
         let values = |of: fn(&Row) -> Option<f64>| self.rows.iter().filter_map(of);
         let least = |of| values(of).reduce(f64::min);
         let most = |of| values(of).reduce(f64::max);
-        let overview = Overview { rows: &self.rows, has_gaps: self.has_gaps };
         let span = |name: &str, of: fn(&Row) -> Option<f64>| {
             let [least, most] = [least(of)?, most(of)?].map(|value| format!("{value:.1}"));
             let both = if least == most { least } else { format!("{least} to {most}") };
             Some(format!("{name} {both} m"))
         };
         let parts = [
-            overview.worst_gap_deg().map(|off| format!("worst gap {off:.1}°")),
+            worst_gap_deg(&self.rows, self.has_gaps).map(|off| format!("worst gap {off:.1}°")),
             least(|row| row.nearest_m).map(|nearest| format!("nearest {nearest:.1} m")),
             span("altitude", |row| row.altitude_m),
             span("from centre", |row| row.from_centre_m),
-            most(|row| row.step_p99_us).map(|step_us| format!("step p99 {step_us:.0} µs")),
+            most(|row| row.facts.get("step_p99_us")).map(|step_us| format!("step p99 {step_us:.0} µs")),
         ];
-        let phases = overview.phases();
+        let phases = phases(&self.rows);
         let mut phases = phases.split(", ").map(str::to_owned);
         let mut summary = shortened(&phases.next().unwrap_or_default(), columns);
         for part in phases.chain(parts.into_iter().flatten()) {
@@ -95,40 +94,29 @@ impl FlightStatus {
     }
 }
 
-/// Figures of a swarm as a whole, for summaries of one line.
-#[derive(Clone, Copy, Debug)]
-pub struct Overview<'a> {
-    /// One for each vehicle.
-    pub rows: &'a [Row],
-    /// The formation has even gaps around its centre.
-    pub has_gaps: bool,
+/// The most that a gap differs from an even share, degrees; `None` where gaps need not be even.
+pub fn worst_gap_deg(rows: &[Row], has_gaps: bool) -> Option<f64> {
+    let off = rows.iter().filter_map(|row| row.gap_deg.map(|(_, excess)| excess.abs()));
+    off.reduce(f64::max).filter(|_| has_gaps)
 }
 
-impl Overview<'_> {
-    /// The most that a gap differs from an even share, degrees; `None` where gaps need not be even.
-    pub fn worst_gap_deg(&self) -> Option<f64> {
-        let off = self.rows.iter().filter_map(|row| row.gap_deg.map(|(_, excess)| excess.abs()));
-        off.reduce(f64::max).filter(|_| self.has_gaps)
-    }
-
-    /// How many vehicles are in formation, and what the others do: `14/16 in formation, 2 silent`.
-    pub fn phases(&self) -> String {
-        let mut others: BTreeMap<&str, usize> = BTreeMap::new();
-        self.rows.iter().for_each(|row| *others.entry(row.doing()).or_default() += 1);
-        let all = self.rows.len();
-        let in_formation = others.remove(IN_FORMATION);
-        let first = match (in_formation, others.first_key_value()) {
-            // All vehicles do the same.
-            (None, Some((doing, count))) if *count == all => return format!("{all}/{all} {doing}"),
-            (in_formation, _) => format!("{}/{all} {IN_FORMATION}", in_formation.unwrap_or(0)),
-        };
-        others.iter().fold(first, |messages, (doing, count)| format!("{messages}, {count} {doing}"))
-    }
+/// How many vehicles are in formation, and what the others do: `14/16 in formation, 2 silent`.
+pub fn phases(rows: &[Row]) -> String {
+    let mut others: BTreeMap<&str, usize> = BTreeMap::new();
+    rows.iter().for_each(|row| *others.entry(row.doing()).or_default() += 1);
+    let all = rows.len();
+    let in_formation = others.remove(IN_FORMATION);
+    let first = match (in_formation, others.first_key_value()) {
+        // All vehicles do the same.
+        (None, Some((doing, count))) if *count == all => return format!("{all}/{all} {doing}"),
+        (in_formation, _) => format!("{}/{all} {IN_FORMATION}", in_formation.unwrap_or(0)),
+    };
+    others.iter().fold(first, |messages, (doing, count)| format!("{messages}, {count} {doing}"))
 }
 
 /// The phase [`Activity::Formation`].
 const FORMATION: &str = "formation";
-/// What is shown of a vehicle in the phase formation that is in its place, and of one that is not.
+/// The text for a vehicle in the phase formation that is in its place, and for one that is not.
 const IN_FORMATION: &str = "in formation";
 const UNDER_WAY: &str = "under way";
 
@@ -181,7 +169,6 @@ impl FlightStatus {
     fn as_row(&self, name: String) -> Row {
         let values = |of: fn(&Row) -> Option<f64>| self.rows.iter().filter_map(of).collect::<Vec<_>>();
         let least = |of| values(of).into_iter().reduce(f64::min);
-        let most = |of| values(of).into_iter().reduce(f64::max);
         let mean =
             |of| Some(values(of)).filter(|all| !all.is_empty()).map(|all| all.iter().sum::<f64>() / all.len() as f64);
         let all = self.rows.len();
@@ -207,9 +194,7 @@ impl FlightStatus {
             from_centre_m: mean(|row| row.from_centre_m),
             gap_deg: gap,
             nearest_m: least(|row| row.nearest_m),
-            frame_rate_hz: least(|row| row.frame_rate_hz),
-            peer_age_ms: most(|row| row.peer_age_ms),
-            step_p99_us: most(|row| row.step_p99_us),
+            facts: FactValues::of_team(&self.rows.iter().map(|row| row.facts).collect::<Vec<_>>()),
             late_dropped: counted,
         }
     }
@@ -221,7 +206,7 @@ impl FlightStatus {
 }
 
 impl Row {
-    /// What the vehicle does: its phase, and in the phase formation whether it is in its place.
+    /// The doing of the vehicle: its phase, and in the phase formation whether it is in its place.
     pub fn doing(&self) -> &str {
         if self.phase == FORMATION && self.in_place_s.is_some() { IN_FORMATION } else { self.shown_phase() }
     }
@@ -258,33 +243,36 @@ pub struct Row {
     pub gap_deg: Option<(f64, f64)>,
     /// To the nearest other vehicle.
     pub nearest_m: Option<f64>,
-    /// Simulator frames a second.
-    pub frame_rate_hz: Option<f64>,
-    /// Age of the oldest peer state that counts as fresh, ms.
-    pub peer_age_ms: Option<f64>,
-    /// 99th percentile of the time from a frame to its last control.
-    pub step_p99_us: Option<f64>,
+    /// The facts that have a column.
+    #[serde(flatten, serialize_with = "with_columns")]
+    pub facts: FactValues,
     /// Steps that were late, and messages and datagrams that were dropped.
     pub late_dropped: Option<(u64, u64)>,
 }
 
-/// What is known of one vehicle.
+fn with_columns<S: Serializer>(facts: &FactValues, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_map(facts.iter().filter(|(fact, _)| fact.column.is_some()).map(|(fact, value)| (fact.key, value)))
+}
+
+/// One vehicle with everything that this process knows of it.
 #[derive(Clone, Debug)]
 pub struct Known {
     /// The vehicle.
     pub id: VehicleId,
     /// The newest that was received of its flight, and how long ago.
-    pub newest: Option<(VehicleSample, Duration)>,
+    pub newest: Option<(VehicleFacts, Duration)>,
     /// Whether its agent has sent a health report.
     pub is_healthy: bool,
     /// How its process ended, if it has.
     pub ended: Option<Ending>,
+    /// The order that it follows.
+    pub order: Option<Verb>,
 }
 
 /// How an agent's process ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// As expected: it had landed, or was ordered to end.
+    /// It ended as expected: it had landed, or was ordered to end.
     Asked,
     /// By the scenario's hand.
     Killed,
@@ -293,15 +281,16 @@ pub enum Ending {
 }
 
 impl Known {
-    /// What the observer has received of this vehicle by `now`.
+    /// The vehicle with what the observer has received of it by `now`.
     pub fn new(id: VehicleId, seen: Option<&VehicleView>, ended: Option<Ending>, now: Instant) -> Self {
         let newest = seen.and_then(VehicleView::newest);
         let newest = newest.map(|(sample, at)| (sample, now.saturating_duration_since(at)));
-        Self { id, newest, is_healthy: seen.is_some_and(|seen| seen.health.is_some()), ended }
+        let order = seen.and_then(|seen| seen.orders.obeyed_by(id)).map(|order| order.verb);
+        Self { id, newest, is_healthy: seen.is_some_and(|seen| seen.health.is_some()), ended, order }
     }
 
-    /// What it does now, while it flies and is in contact.
-    pub fn flying(&self) -> Option<&VehicleSample> {
+    /// Its newest facts while it flies and is in contact.
+    pub fn flying(&self) -> Option<&VehicleFacts> {
         let (sample, silent) = self.newest.as_ref().filter(|_| self.ended.is_none())?;
         (*silent < SILENT).then_some(sample)
     }
@@ -321,7 +310,7 @@ impl Known {
 
 /// One row for each vehicle of a swarm that flies this scenario.
 pub fn rows(vehicles: &[Known], scenario: &Scenario) -> Vec<Row> {
-    let from_centre_ne_m = |sample: &VehicleSample| sample.position.horizontal() - Vector2::from(sample.centre_ne_m);
+    let from_centre_ne_m = |sample: &VehicleFacts| sample.place().horizontal() - Vector2::from(sample.centre_ne_m);
     let members: Vec<(VehicleId, f64)> = vehicles
         .iter()
         .filter_map(|known| Some((known.id, known.flying()?)))
@@ -338,7 +327,7 @@ pub fn rows(vehicles: &[Known], scenario: &Scenario) -> Vec<Row> {
             phase,
             in_place_s: sample.and_then(|sample| sample.in_place_s),
             bad,
-            altitude_m: sample.map(|sample| sample.position.altitude_m()),
+            altitude_m: sample.map(|sample| sample.place().altitude_m()),
             step: sample.map(|sample| sample.step),
             from_centre_m: sample.and_then(|sample| {
                 let formation = scenario.formation_with(sample.step, &sample.settings)?;
@@ -346,10 +335,8 @@ pub fn rows(vehicles: &[Known], scenario: &Scenario) -> Vec<Row> {
             }),
             gap_deg: gap_deg(known.id, &members),
             nearest_m: sample
-                .and_then(|own| others().map(|other| (own.position - other.position).norm()).reduce(f64::min)),
-            frame_rate_hz: process.map(|process| process.frame_rate_hz),
-            peer_age_ms: sample.and_then(oldest_ms),
-            step_p99_us: process.map(|process| process.step_p99_us),
+                .and_then(|own| others().map(|other| (own.place() - other.place()).norm()).reduce(f64::min)),
+            facts: sample.map(FactValues::of).unwrap_or_default(),
             late_dropped: process.map(|process| (process.frame_overruns, process.dropped)),
         }
     };
@@ -372,17 +359,16 @@ fn gap_deg(id: VehicleId, members: &[(VehicleId, f64)]) -> Option<(f64, f64)> {
     Some((gap_rad.to_degrees(), (gap_rad - TAU / members.len() as f64).to_degrees()))
 }
 
-fn oldest_ms(sample: &VehicleSample) -> Option<f64> {
-    let received = sample.peers.iter().filter(|peer| peer.standing != PeerStatus::Lost);
-    received.map(|peer| f64::from(peer.age_ms)).reduce(f64::max)
-}
-
 #[cfg(test)]
 mod tests {
+    use skein_common::message::ProcessFigures;
+
     use super::*;
 
     #[test]
     fn a_summary_has_the_essential_figures() {
+        let process = ProcessFigures { step_p99_us: 80.0, ..ProcessFigures::default() };
+        let flying = VehicleFacts { process: Some(process), ..VehicleFacts::default() };
         let row = |id: u8, altitude_m: Option<f64>| Row {
             name: id.to_string(),
             phase: altitude_m.map_or("silent", |_| "formation").to_owned(),
@@ -393,9 +379,7 @@ mod tests {
             from_centre_m: altitude_m.map(|_| 100.0 + f64::from(id)),
             gap_deg: altitude_m.map(|_| (90.0, -1.5)),
             nearest_m: altitude_m.map(|_| 141.0),
-            frame_rate_hz: None,
-            peer_age_ms: None,
-            step_p99_us: altitude_m.map(|_| 80.0),
+            facts: altitude_m.map(|_| FactValues::of(&flying)).unwrap_or_default(),
             late_dropped: None,
         };
         let mut status = FlightStatus {

@@ -7,7 +7,7 @@ use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Cell, Padding, Paragraph, Row as TableRow, Table};
 use skein_lab::terminal::{shortened, wrapped};
 
-use super::columns::{Column, Fitted, NARROW, WIDE, WIDE_COLUMNS, fitting, needed};
+use super::columns::{Column, Fitted, WIDE_COLUMNS, fitting, needed, set};
 use super::status::{EVENT_TIME as EVENT_INDENT, FlightStatus, Row, Stage};
 
 /// Lines kept for events, if there is room for them.
@@ -19,49 +19,46 @@ const MAX_SPACING: u16 = 3;
 /// The least columns of the text beside a heading; a narrower text is below it.
 const TEXT_BESIDE: usize = 24;
 
-/// What the screen shows.
-#[derive(Clone, Copy, Debug)]
-pub enum Shown<'a> {
+/// The content of the screen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shown {
     /// The flight.
-    Flight {
-        /// A key shows the code of the live page.
-        has_code: bool,
-    },
-    /// What the columns mean.
+    Flight,
+    /// The meanings of the columns.
     Columns,
-    /// The QR code of the live page's address.
-    Code(&'a str),
+    /// The QR code of the live page's address, if there is one.
+    Code,
 }
 
-/// Draws the flight, or what is shown instead of it.
-pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown<'_>) {
+/// Draws the flight, or what is shown instead of it. `code` is the QR code of the live page's address, which a key shows.
+pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown, code: Option<&str>) {
     let [title, summary, body, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Length(1), Constraint::Min(0), Constraint::Length(1)])
             .areas(frame.area());
     let width = usize::from(frame.area().width);
-    let wide = fitting(&WIDE, status.shown(), body.width);
-    let (set, columns) = match body.width >= WIDE_COLUMNS && wide.len() == WIDE.len() {
-        true => (&WIDE[..], wide),
-        false => (&NARROW[..], fitting(&NARROW, status.shown(), body.width)),
+    let fitted = |set: Vec<Column>| (fitting(&set, status.shown(), body.width), set);
+    let (columns, set) = match fitted(set(true)) {
+        (columns, wide) if body.width >= WIDE_COLUMNS && columns.len() == wide.len() => (columns, wide),
+        _ => fitted(set(false)),
     };
     let hidden = set.len() - columns.len();
     let beside = u16::try_from(needed(&columns)).unwrap_or(u16::MAX).max(WIDE_COLUMNS);
     frame.render_widget(Paragraph::new(headline(status, width)), title);
     frame.render_widget(Paragraph::new(status.summary(width)), summary);
-    if let Shown::Columns = shown {
-        frame.render_widget(Paragraph::new(explanation(set, width)), body);
-    } else if let Shown::Code(code) = shown {
+    if shown == Shown::Columns {
+        frame.render_widget(Paragraph::new(explanation(&set, width)), body);
+    } else if let (Shown::Code, Some(code)) = (shown, code) {
         draw_code(frame, body, code);
     } else if body.width >= beside.saturating_add(EVENTS_BESIDE) {
         let [left, right] = Layout::horizontal([Constraint::Length(beside), Constraint::Min(0)]).areas(body);
         let rest = draw_vehicles(frame, left, status.shown(), &columns, (hidden, 0));
-        frame.render_widget(Paragraph::new(legend(set, usize::from(rest.width))).style(dim()), rest);
+        frame.render_widget(Paragraph::new(legend(&set, usize::from(rest.width))).style(dim()), rest);
         let block = Block::new().borders(Borders::LEFT).border_style(dim()).padding(Padding::horizontal(1));
         let inner = block.inner(right);
         frame.render_widget(block, right);
         draw_events(frame, inner, status);
     } else {
-        let legend = legend(set, width);
+        let legend = legend(&set, width);
         let wanted = u16::try_from(status.shown().len() + legend.len()).unwrap_or(u16::MAX).saturating_add(3);
         let has_legend = body.width >= WIDE_COLUMNS && body.height >= wanted.saturating_add(EVENT_LINES);
         let rest = draw_vehicles(frame, body, status.shown(), &columns, (hidden, EVENT_LINES));
@@ -70,10 +67,10 @@ pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown<'_>) {
         frame.render_widget(Paragraph::new(legend).style(dim()), keys);
         draw_events(frame, events, status);
     }
-    let bottom_line = match shown {
-        Shown::Flight { has_code } => keys(status, has_code, width),
-        Shown::Columns => shortened("? or Esc: back to the flight", width),
-        Shown::Code(_) => shortened("p or Esc: back to the flight", width),
+    let bottom_line = match (shown, code) {
+        (Shown::Columns, _) => shortened("? or Esc: back to the flight", width),
+        (Shown::Code, Some(_)) => shortened("p or Esc: back to the flight", width),
+        _ => keys(status, code.is_some(), width),
     };
     frame.render_widget(Paragraph::new(bottom_line).style(dim()), bottom);
 }
@@ -176,7 +173,7 @@ fn vehicles<'a>(rows: &[Row], columns: &[Fitted], width: u16) -> Table<'a> {
         _ => Cell::from(Text::from(text).alignment(Alignment::Right)),
     };
     let row = |row: &Row| {
-        let cells = columns.iter().map(|Fitted { column, .. }| cell(column, (column.cell)(row)));
+        let cells = columns.iter().map(|Fitted { column, .. }| cell(column, column.cell(row)));
         TableRow::new(cells).style(if row.bad { Style::new().fg(Color::Red) } else { Style::new() })
     };
     let titles = columns.iter().map(|Fitted { column, .. }| cell(column, column.title.to_owned()));
@@ -256,8 +253,17 @@ fn keys(status: &FlightStatus, has_code: bool, width: usize) -> String {
 mod tests {
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
+    use skein_common::id::VehicleId;
+    use skein_common::message::{FactValues, PeerContact, ProcessFigures, VehicleFacts};
+    use skein_common::state::PeerStatus;
 
     use super::*;
+
+    fn facts(age_ms: u32, step_p99_us: f64) -> FactValues {
+        let process = ProcessFigures { frame_rate_hz: 50.0, step_p99_us, ..ProcessFigures::default() };
+        let peer = PeerContact { id: VehicleId::new(9).unwrap(), age_ms, standing: PeerStatus::Fresh };
+        FactValues::of(&VehicleFacts { process: Some(process), peers: vec![peer], ..VehicleFacts::default() })
+    }
 
     fn row(id: u8) -> Row {
         Row {
@@ -270,9 +276,7 @@ mod tests {
             from_centre_m: Some(101.26),
             gap_deg: Some((92.14, 2.14)),
             nearest_m: Some(141.4),
-            frame_rate_hz: Some(50.0),
-            peer_age_ms: Some(187.4),
-            step_p99_us: Some(84.2),
+            facts: facts(187, 84.2),
             late_dropped: Some((0, 3)),
         }
     }
@@ -294,12 +298,12 @@ mod tests {
     }
 
     fn drawn(status: &FlightStatus, width: u16, height: u16) -> Vec<String> {
-        drawn_as(status, width, height, Shown::Flight { has_code: false })
+        drawn_as(status, width, height, Shown::Flight, None)
     }
 
-    fn drawn_as(status: &FlightStatus, width: u16, height: u16, shown: Shown<'_>) -> Vec<String> {
+    fn drawn_as(status: &FlightStatus, width: u16, height: u16, shown: Shown, code: Option<&str>) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-        terminal.draw(|frame| draw(frame, status, shown)).unwrap();
+        terminal.draw(|frame| draw(frame, status, shown, code)).unwrap();
         let buffer = terminal.backend().buffer();
         let line = |y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>().trim_end().to_owned();
         (0..height).map(line).collect()
@@ -339,9 +343,9 @@ mod tests {
     #[test]
     fn a_key_press_explains_every_column() {
         let status = status((1..=16).map(row).collect());
-        let lines = drawn_as(&status, 80, 24, Shown::Columns);
+        let lines = drawn_as(&status, 80, 24, Shown::Columns, None);
         assert!(lines[2].starts_with("What the columns mean"), "{lines:#?}");
-        for column in NARROW {
+        for column in set(false) {
             assert!(lines.iter().any(|line| line.starts_with(column.title)), "{}: {lines:#?}", column.title);
         }
         assert_eq!(lines[23], "? or Esc: back to the flight");
@@ -364,12 +368,12 @@ mod tests {
     fn a_key_shows_the_code_of_the_live_page_where_it_fits() {
         let status = status(vec![row(1)]);
         let code = "██████\n█ ▄▄ █\n██████";
-        let lines = drawn_as(&status, 80, 12, Shown::Code(code));
+        let lines = drawn_as(&status, 80, 12, Shown::Code, Some(code));
         assert_eq!(lines[2..5], code.lines().collect::<Vec<_>>());
         assert_eq!(lines[11], "p or Esc: back to the flight");
-        let small = drawn_as(&status, 80, 5, Shown::Code(code));
+        let small = drawn_as(&status, 80, 5, Shown::Code, Some(code));
         assert_eq!(small[2], "make the window larger to see the code of the live page");
-        let flight = drawn_as(&status, 120, 12, Shown::Flight { has_code: true });
+        let flight = drawn_as(&status, 120, 12, Shown::Flight, Some(code));
         assert!(flight[11].contains("p: page on a phone"), "{flight:#?}");
     }
 
@@ -386,8 +390,8 @@ mod tests {
     fn no_size_is_too_small() {
         for (width, height) in [(1, 1), (5, 2), (20, 3), (200, 1), (1, 50)] {
             drawn(&status(vec![row(1), row(2)]), width, height);
-            for shown in [Shown::Columns, Shown::Code("█▀▄ █")] {
-                drawn_as(&status(vec![row(1), row(2)]), width, height, shown);
+            for shown in [Shown::Columns, Shown::Code] {
+                drawn_as(&status(vec![row(1), row(2)]), width, height, shown, Some("█▀▄ █"));
             }
         }
     }
@@ -417,8 +421,7 @@ mod tests {
             from_centre_m: Some(1_234_567.8),
             gap_deg: Some((359.96, -123.4)),
             nearest_m: Some(123_456.7),
-            peer_age_ms: Some(12_345_678.0),
-            step_p99_us: Some(123_456_789.0),
+            facts: facts(12_345_678, 123_456_789.0),
             late_dropped: Some((1_234_567, 7_654_321)),
             ..row(3)
         };
@@ -432,10 +435,10 @@ mod tests {
                     .iter()
                     .map(|line| line.split('│').next().unwrap_or_default().to_owned())
                     .collect();
-                let set = if table[0].starts_with("vehicle") { &WIDE[..] } else { &NARROW[..] };
-                let columns = columns_of(&table[0], set);
+                let set = set(table[0].starts_with("vehicle"));
+                let columns = columns_of(&table[0], &set);
                 for (row, line) in rows.iter().zip(&table[1..]) {
-                    let cells: Vec<String> = columns.iter().map(|column| (column.cell)(row)).collect();
+                    let cells: Vec<String> = columns.iter().map(|column| column.cell(row)).collect();
                     let words = line.split_whitespace().collect::<Vec<_>>().join(" ");
                     assert_eq!(words, cells.join(" "), "{width} columns: {lines:#?}");
                 }
@@ -452,7 +455,7 @@ mod tests {
                 assert!(summary.split(", ").collect::<Vec<_>>().starts_with(&lines[1].split(", ").collect::<Vec<_>>()));
                 assert!(lines[13].starts_with("q: land and end") || lines[13].starts_with("Ctrl-C or q: land and end"));
             }
-            assert_eq!(shown, WIDE.len(), "a wide window has room for all");
+            assert_eq!(shown, set(true).len(), "a wide window has room for all");
         }
     }
 

@@ -16,7 +16,9 @@ use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
-use skein_common::message::{self, Event, Health, Heartbeat, Message, Order, Reason, StandingOrders, Summary, Trace};
+use skein_common::message::{
+    self, Event, Health, Heartbeat, Message, Order, Reason, StandingOrders, Summary, Trace, VehicleFacts,
+};
 use skein_common::topic::{self, Author, Branch, Topic};
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
@@ -24,7 +26,6 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::{Locality, Sample};
 
 use crate::mesh::reach::Reach;
-use crate::sample::VehicleSample;
 pub use rate::Rate;
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -111,15 +112,19 @@ impl VehicleView {
         self.summary_at = self.summary_at.map(|summary_at| summary_at.max(at));
     }
 
-    /// The state of the vehicle by its newest trace or summary, whichever arrived last, and the time of arrival.
-    pub fn newest(&self) -> Option<(VehicleSample, Instant)> {
+    /// The facts of the vehicle by its newest trace or summary, whichever arrived last, and the time of arrival.
+    pub fn newest(&self) -> Option<(VehicleFacts, Instant)> {
         let traced = self.trace.as_ref().zip(self.trace_at);
         let summarised = self.summary.as_ref().zip(self.summary_at);
         match (traced, summarised) {
             (Some((trace, at)), summary) if summary.is_none_or(|(_, later)| later < at) => {
-                Some((VehicleSample::of_trace(trace, self.health.as_ref()), at))
+                Some((trace.facts(self.health.as_ref()), at))
             }
-            (_, summary) => summary.and_then(|(summary, at)| Some((VehicleSample::of_summary(summary)?, at))),
+            // Before a vehicle has estimated its position there is nothing to show of it.
+            (_, summary) => {
+                let located = summary.filter(|(summary, _)| summary.facts.position.is_some());
+                located.map(|(summary, at)| (summary.facts.clone(), at))
+            }
         }
     }
 }

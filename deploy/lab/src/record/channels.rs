@@ -49,7 +49,8 @@ pub trait Sink {
 
 /// The channels of a swarm's flight, or of a fleet's. Every message goes to the sink at once.
 pub struct Channels<S> {
-    sink: S,
+    /// Where the messages go.
+    pub sink: S,
     numbers: Numbers,
     origin: Origin,
     ids: Vec<VehicleId>,
@@ -182,21 +183,6 @@ impl<S: Sink> Channels<S> {
     /// Number of steps that were refused because of impossible values.
     pub fn refused(&self) -> u64 {
         self.refused
-    }
-
-    /// Where the messages go.
-    pub fn sink(&self) -> &S {
-        &self.sink
-    }
-
-    /// Where the messages go.
-    pub fn sink_mut(&mut self) -> &mut S {
-        &mut self.sink
-    }
-
-    /// Ends the channels and returns where the messages went.
-    pub fn into_sink(self) -> S {
-        self.sink
     }
 
     /// Draws the centre by the estimate of the active member with the lowest id, and the formation there when it

@@ -8,7 +8,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use csv::Writer;
-use skein_common::message::Trace;
+use skein_common::message::TRACE_COLUMNS;
 
 use super::reader::{FullRecording, read_all};
 use super::{Draft, RecordError, format};
@@ -47,61 +47,12 @@ fn steps(recording: &Recording) -> Vec<&Step> {
 }
 
 fn traces(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
-    to.write_record(["t_s"].into_iter().chain(COLUMNS.map(|(name, _)| name)))?;
+    to.write_record(["t_s"].into_iter().chain(TRACE_COLUMNS.iter().map(|(name, _)| *name)))?;
     for Step { t_s, trace } in steps(recording) {
-        to.write_record([t_s.to_string()].into_iter().chain(COLUMNS.map(|(_, cell)| cell(trace))))?;
+        to.write_record([t_s.to_string()].into_iter().chain(TRACE_COLUMNS.iter().map(|(_, cell)| cell(trace))))?;
     }
     Ok(())
 }
-
-/// Formats one cell of a step.
-type Cell = fn(&Trace) -> String;
-
-/// The columns of `trace.csv` after the time.
-const COLUMNS: [(&str, Cell); 42] = [
-    ("vehicle", |trace| trace.header.sender.to_string()),
-    ("incarnation", |trace| trace.header.incarnation.0.to_string()),
-    ("sequence", |trace| trace.header.sequence.to_string()),
-    ("stamp_s", |trace| trace.header.stamp.seconds().to_string()),
-    ("plant_time_s", |trace| trace.plant_time.seconds().to_string()),
-    ("membership", |trace| format::spelling(&trace.membership)),
-    ("activity", |trace| format::spelling(&trace.activity)),
-    ("live", |trace| trace.live.to_string()),
-    ("step", |trace| trace.step.to_string()),
-    ("reached", |trace| number(trace.reached.map(u64::from))),
-    ("centre_north_m", |trace| trace.centre_ne_m[0].to_string()),
-    ("centre_east_m", |trace| trace.centre_ne_m[1].to_string()),
-    ("estimate_north_m", |trace| trace.estimate.north_m().to_string()),
-    ("estimate_east_m", |trace| trace.estimate.east_m().to_string()),
-    ("estimate_down_m", |trace| trace.estimate.down_m().to_string()),
-    ("north_m", |trace| trace.position.north_m().to_string()),
-    ("east_m", |trace| trace.position.east_m().to_string()),
-    ("down_m", |trace| trace.position.down_m().to_string()),
-    ("height_m", |trace| trace.height_m.to_string()),
-    ("velocity_north_m_s", |trace| trace.velocity.north_m_s().to_string()),
-    ("velocity_east_m_s", |trace| trace.velocity.east_m_s().to_string()),
-    ("velocity_down_m_s", |trace| trace.velocity.down_m_s().to_string()),
-    ("roll_rad", |trace| trace.attitude.roll_rad.to_string()),
-    ("pitch_rad", |trace| trace.attitude.pitch_rad.to_string()),
-    ("heading_rad", |trace| trace.attitude.heading_rad.to_string()),
-    ("power_w", |trace| number(trace.power_w)),
-    ("field_north", |trace| trace.field_ne[0].to_string()),
-    ("field_east", |trace| trace.field_ne[1].to_string()),
-    ("error_north_m", |trace| trace.error_ne_m[0].to_string()),
-    ("error_east_m", |trace| trace.error_ne_m[1].to_string()),
-    ("altitude_setpoint_m", |trace| trace.altitude_setpoint_m.to_string()),
-    ("stick_roll", |trace| number(trace.controls.map(|controls| controls[0]))),
-    ("stick_pitch", |trace| number(trace.controls.map(|controls| controls[1]))),
-    ("stick_yaw", |trace| number(trace.controls.map(|controls| controls[2]))),
-    ("stick_collective", |trace| number(trace.controls.map(|controls| controls[3]))),
-    ("step_us", |trace| number(trace.step_us)),
-    ("safety_activations", |trace| number(trace.safety_activations)),
-    ("frame_overruns", |trace| trace.frame_overruns.to_string()),
-    ("state_messages", |trace| trace.state_messages.to_string()),
-    ("state_bytes", |trace| trace.state_bytes.to_string()),
-    ("law_misses", |trace| number(trace.law_misses)),
-    ("fallback_flies", |trace| number(trace.fallback_flies)),
-];
 
 /// Formats a cell that may be empty.
 fn number(value: Option<impl ToString>) -> String {

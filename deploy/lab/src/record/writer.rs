@@ -128,7 +128,7 @@ impl<W: Write + Seek> Writer<W> {
         let refused = self.channels.refused();
         self.write_metadata_record(format::RECORDER, &[("refused_steps", refused), ("dropped", dropped)]);
         self.attempt(|mcap| mcap.finish().map(|_| ()));
-        let McapSink { mcap, failed, .. } = self.channels.into_sink();
+        let McapSink { mcap, failed, .. } = self.channels.sink;
         match failed {
             Some(error) => Err(error),
             None => Ok(mcap.into_inner()),
@@ -137,7 +137,7 @@ impl<W: Write + Seek> Writer<W> {
 
     /// The first error so far, if there was one.
     pub fn failed(&self) -> Option<&RecordError> {
-        self.channels.sink().failed.as_ref()
+        self.channels.sink.failed.as_ref()
     }
 
     fn write_metadata_record(&mut self, name: &str, values: &[(&str, u64)]) {
@@ -146,7 +146,7 @@ impl<W: Write + Seek> Writer<W> {
     }
 
     fn attempt(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> mcap::McapResult<()>) {
-        self.channels.sink_mut().attempt(write);
+        self.channels.sink.attempt(write);
     }
 }
 

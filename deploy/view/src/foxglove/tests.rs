@@ -57,7 +57,7 @@ impl Sink for Schemas {
 fn the_layout_shows_topics_and_keys_that_exist() {
     let layout: serde_json::Value = serde_json::from_str(include_str!("../../../foxglove/skein.json")).unwrap();
     let described = load_any(&Source { name: "x", text: "swarm.vehicles = 8" }, &[]).unwrap();
-    let schemas = Channels::new(Schemas::default(), &described.first().scenario).unwrap().into_sink();
+    let schemas = Channels::new(Schemas::default(), &described.first().scenario).unwrap().sink;
     let panels = layout["configById"].as_object().unwrap();
     let paths = panels.values().filter_map(|panel| panel["paths"].as_array()).flatten();
     let mut count = 0;

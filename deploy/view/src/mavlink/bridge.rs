@@ -11,15 +11,15 @@ use mavlink::dialects::common::{
 use ring::digest::{SHA256, digest};
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleName;
-use skein_common::message::{EventKind, Failure, Severity, Verb};
+use skein_common::message::{EventKind, Failure, Severity, VehicleFacts, Verb};
 use skein_common::scenario::Target;
 use skein_common::state::Activity;
 
 use super::commands::{Meaning, VehicleCommand, Wanted};
 use super::frames::COMPONENT;
 use super::{AUTOPILOT_VERSION, telemetry};
-use crate::snapshot::{ObservedVehicle, Team};
-use skein_cluster::sample::VehicleSample;
+use crate::snapshot::Team;
+use skein_cluster::display::status::Known;
 
 /// Last system id of a vehicle: those above belong to ground systems.
 pub(super) const LAST_SYSTEM: u8 = 250;
@@ -114,13 +114,13 @@ impl Bridge {
     }
 
     /// The messages about what was observed by `now`, the time since the start. A vehicle out of contact sends nothing.
-    pub(super) fn step(&mut self, now: Duration, teams: &[Team], observed: &[Vec<ObservedVehicle>]) -> Vec<Outgoing> {
+    pub(super) fn step(&mut self, now: Duration, teams: &[Team], observed: &[Vec<Known>]) -> Vec<Outgoing> {
         let mut messages = Vec::new();
         for (team, vehicle) in teams.iter().zip(observed).flat_map(|(team, all)| all.iter().map(move |one| (team, one)))
         {
-            let Some(system) = self.systems.get(&team.name(vehicle.known.id)).copied() else { continue };
+            let Some(system) = self.systems.get(&team.name(vehicle.id)).copied() else { continue };
             let Some(sender) = self.vehicles.get_mut(&system) else { continue };
-            if let (Some(sample), Some((_, silent))) = (vehicle.known.flying(), &vehicle.known.newest) {
+            if let (Some(sample), Some((_, silent))) = (vehicle.flying(), &vehicle.newest) {
                 let own = sender.step(now, sample, now.saturating_sub(*silent), &mut self.next_text);
                 messages.extend(own.into_iter().map(|message| (system, message)));
             }
@@ -222,7 +222,7 @@ impl System {
     fn step(
         &mut self,
         now: Duration,
-        sample: &VehicleSample,
+        sample: &VehicleFacts,
         arrived: Duration,
         next_text: &mut u16,
     ) -> Vec<MavMessage> {

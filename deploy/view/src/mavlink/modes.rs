@@ -1,10 +1,8 @@
 //! The flight modes that ground stations show, in the numbers of PX4: QGroundControl and MAVSDK know those.
 
 use mavlink::dialects::common::{MavLandedState, MavModeFlag, MavState};
-use skein_common::message::Failure;
+use skein_common::message::{Failure, VehicleFacts};
 use skein_common::state::Activity;
-
-use skein_cluster::sample::VehicleSample;
 
 /// Main mode of a vehicle that a pilot flies.
 const MANUAL: u32 = 1;
@@ -88,7 +86,7 @@ pub(super) fn flags(activity: Activity) -> MavModeFlag {
 }
 
 /// How the vehicle is.
-pub(super) fn state(sample: &VehicleSample) -> MavState {
+pub(super) fn state(sample: &VehicleFacts) -> MavState {
     if sample.failures.contains(&Failure::Engine) {
         MavState::MAV_STATE_EMERGENCY
     } else if !sample.failures.is_empty() || sample.activity == Activity::Blind {

@@ -7,16 +7,15 @@ use mavlink::dialects::common::{
 };
 use skein_common::frame::{Convergence, Geodetic, Origin};
 use skein_common::math;
-use skein_common::message::Severity;
+use skein_common::message::{Severity, VehicleFacts};
 
 use super::modes::{self, Mode};
-use skein_cluster::sample::VehicleSample;
 
 /// Longest text in one message, bytes.
 const TEXT: usize = 50;
 
 /// The heartbeat: kind, mode and state.
-pub(super) fn heartbeat(sample: &VehicleSample) -> MavMessage {
+pub(super) fn heartbeat(sample: &VehicleFacts) -> MavMessage {
     MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         custom_mode: Mode::of(sample.activity).custom(),
         mavtype: MavType::MAV_TYPE_HELICOPTER,
@@ -28,8 +27,8 @@ pub(super) fn heartbeat(sample: &VehicleSample) -> MavMessage {
 }
 
 /// Position and velocity. Altitudes are above the ellipsoid, and above the swarm's origin, which is the home position.
-pub(super) fn position(sample: &VehicleSample, origin: &Origin, home: &Geodetic, time_boot_ms: u32) -> MavMessage {
-    let (place, convergence) = origin.place(sample.position);
+pub(super) fn position(sample: &VehicleFacts, origin: &Origin, home: &Geodetic, time_boot_ms: u32) -> MavMessage {
+    let (place, convergence) = origin.place(sample.place());
     let [north_m_s, east_m_s, down_m_s] = <[f64; 3]>::from(convergence.velocity_to_local(sample.velocity));
     MavMessage::GLOBAL_POSITION_INT(GLOBAL_POSITION_INT_DATA {
         time_boot_ms,
@@ -45,8 +44,8 @@ pub(super) fn position(sample: &VehicleSample, origin: &Origin, home: &Geodetic,
 }
 
 /// Attitude: body axes forward, right, down against north, east, down. Rates are unknown.
-pub(super) fn attitude(sample: &VehicleSample, origin: &Origin, time_boot_ms: u32) -> MavMessage {
-    let (_, convergence) = origin.place(sample.position);
+pub(super) fn attitude(sample: &VehicleFacts, origin: &Origin, time_boot_ms: u32) -> MavMessage {
+    let (_, convergence) = origin.place(sample.place());
     MavMessage::ATTITUDE(ATTITUDE_DATA {
         time_boot_ms,
         roll: sample.attitude.roll_rad as f32,
@@ -59,8 +58,8 @@ pub(super) fn attitude(sample: &VehicleSample, origin: &Origin, time_boot_ms: u3
 }
 
 /// The figures of a head-up display. Airspeed is unknown; the throttle is the collective, 0 without one.
-pub(super) fn hud(sample: &VehicleSample, origin: &Origin) -> MavMessage {
-    let (place, convergence) = origin.place(sample.position);
+pub(super) fn hud(sample: &VehicleFacts, origin: &Origin) -> MavMessage {
+    let (place, convergence) = origin.place(sample.place());
     let [north_m_s, east_m_s, down_m_s] = <[f64; 3]>::from(sample.velocity);
     let collective = sample.controls.map_or(0.0, |[.., collective]| collective);
     MavMessage::VFR_HUD(VFR_HUD_DATA {
@@ -74,7 +73,7 @@ pub(super) fn hud(sample: &VehicleSample, origin: &Origin) -> MavMessage {
 }
 
 /// State of the systems: the energy left, in per cent. Voltage, current and load are unknown.
-pub(super) fn system_status(sample: &VehicleSample) -> MavMessage {
+pub(super) fn system_status(sample: &VehicleFacts) -> MavMessage {
     MavMessage::SYS_STATUS(SYS_STATUS_DATA {
         voltage_battery: u16::MAX,
         current_battery: -1,
@@ -84,7 +83,7 @@ pub(super) fn system_status(sample: &VehicleSample) -> MavMessage {
 }
 
 /// Whether it is on the ground.
-pub(super) fn extended_state(sample: &VehicleSample) -> MavMessage {
+pub(super) fn extended_state(sample: &VehicleFacts) -> MavMessage {
     MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
         vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
         landed_state: modes::landed(sample.activity),
@@ -146,7 +145,7 @@ fn centimetres(speed_m_s: f64) -> i16 {
 }
 
 /// The heading from the local north, 0 to less than 360 degrees.
-fn heading_deg(sample: &VehicleSample, convergence: &Convergence) -> f64 {
+fn heading_deg(sample: &VehicleFacts, convergence: &Convergence) -> f64 {
     let heading_deg = convergence.heading_to_local(sample.attitude.heading_rad).to_degrees().rem_euclid(360.0);
     // To the hundredth that is sent: 359.996 is north.
     let rounded = (heading_deg * 100.0).round() / 100.0;

@@ -11,7 +11,7 @@ use mavlink::{MavHeader, MavlinkVersion, MessageData};
 use proptest::prelude::*;
 use skein_common::frame::{Attitude, Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::VehicleId;
-use skein_common::message::{EventKind, Failure, Verb};
+use skein_common::message::{EventKind, Failure, VehicleFacts, Verb};
 use skein_common::scenario::{Source, load, load_any};
 use skein_common::state::{Activity, Membership};
 
@@ -19,36 +19,26 @@ use super::bridge::{Bridge, Outgoing, Reaction, SystemIds};
 use super::frames::{self, Frames};
 use super::modes::Mode;
 use super::telemetry;
-use crate::snapshot::{ObservedVehicle, Team};
+use crate::snapshot::Team;
 use skein_cluster::display::status::Known;
 use skein_cluster::os;
-use skein_cluster::sample::VehicleSample;
 
 const STATION: MavHeader = MavHeader { system_id: 255, component_id: 190, sequence: 0 };
 const TOUR: &str = "swarm.vehicles = 4\n[mission]\nsteps = [{ centre_ne_m = [0, 0] }, { hold_s = 1 }, { land = true }]";
 
-fn sample(activity: Activity) -> VehicleSample {
-    VehicleSample {
+fn sample(activity: Activity) -> VehicleFacts {
+    VehicleFacts {
         flown_s: Some(1.0),
         activity,
         membership: Membership::Active,
         step: 1,
-        reached: None,
-        in_place_s: None,
-        settings: Vec::new(),
         live: 4,
-        position: PositionNed::new(100.0, -50.0, -30.0),
+        position: Some(PositionNed::new(100.0, -50.0, -30.0)),
         velocity: VelocityNed(nalgebra::Vector3::new(1.5, -2.0, -0.25)),
         attitude: Attitude { roll_rad: 0.1, pitch_rad: -0.2, heading_rad: -FRAC_PI_2 },
-        centre_ne_m: [0.0; 2],
-        altitude_setpoint_m: None,
-        field_ne: None,
-        error_ne_m: None,
         controls: Some([0.0, 0.0, 0.0, 0.55]),
         energy_left: Some(0.746),
-        process: None,
-        failures: Vec::new(),
-        peers: Vec::new(),
+        ..VehicleFacts::default()
     }
 }
 
@@ -56,9 +46,9 @@ fn team(text: &str) -> Team {
     Team::new(&load(&Source { name: "x", text }, &[]).unwrap().scenario)
 }
 
-fn observed(team: &Team, silent: Duration, sample: &VehicleSample) -> Vec<ObservedVehicle> {
-    let known = |id| Known { id, newest: Some((sample.clone(), silent)), is_healthy: true, ended: None };
-    team.scenario.ids().map(|id| ObservedVehicle { known: known(id), order: None }).collect()
+fn observed(team: &Team, silent: Duration, sample: &VehicleFacts) -> Vec<Known> {
+    let known = |id| Known { id, newest: Some((sample.clone(), silent)), is_healthy: true, ended: None, order: None };
+    team.scenario.ids().map(known).collect()
 }
 
 /// A bridge that has observed the vehicles of the tour in this activity.
@@ -129,7 +119,7 @@ fn positions_and_velocities_are_degrees_millimetres_and_centimetres_in_north_eas
     let MavMessage::VFR_HUD(hud) = telemetry::hud(&sample(Activity::Formation), &origin) else { panic!() };
     assert_eq!((hud.groundspeed, hud.climb, hud.heading, hud.throttle), (2.5, 0.25, 270, 55));
     for (energy_left, battery_remaining) in [(Some(0.746), 75), (Some(0.0), 0), (None, -1)] {
-        let sample = VehicleSample { energy_left, ..sample(Activity::Formation) };
+        let sample = VehicleFacts { energy_left, ..sample(Activity::Formation) };
         let MavMessage::SYS_STATUS(status) = telemetry::system_status(&sample) else { panic!() };
         assert_eq!(status.battery_remaining, battery_remaining);
         assert_eq!((status.voltage_battery, status.current_battery), (u16::MAX, -1), "unknown");
@@ -143,7 +133,7 @@ fn a_heading_is_from_0_to_less_than_360_degrees_and_a_yaw_within_half_a_turn() {
     for (heading_rad, hdg, yaw_rad) in
         [(0.0, 0, 0.0), (-1e-9, 0, -1e-9), (1.5 * PI, 27_000, -FRAC_PI_2), (3.0 * PI - 0.01, 17_942, PI - 0.01)]
     {
-        let mut sample = VehicleSample { position: PositionNed::default(), ..sample(Activity::Formation) };
+        let mut sample = VehicleFacts { position: Some(PositionNed::default()), ..sample(Activity::Formation) };
         sample.attitude.heading_rad = heading_rad;
         let MavMessage::GLOBAL_POSITION_INT(place) = telemetry::position(&sample, &Origin::new(home), &home, 0) else {
             panic!()
@@ -159,10 +149,10 @@ fn far_from_the_origin_velocity_and_heading_refer_to_the_local_north_and_altitud
     // 100 km east of an origin at 60 degrees north the meridian is turned by 1.56 degrees to the west.
     let home = Geodetic::from_degrees(60.0, 10.0, 100.0);
     let origin = Origin::new(home);
-    let position = PositionNed::new(0.0, 1e5, -30.0);
+    let position = Some(PositionNed::new(0.0, 1e5, -30.0));
     let attitude = Attitude { heading_rad: 0.0, ..Attitude::default() };
     let velocity = VelocityNed::new(10.0, 0.0, 0.0);
-    let sample = VehicleSample { position, attitude, velocity, ..sample(Activity::Formation) };
+    let sample = VehicleFacts { position, attitude, velocity, ..sample(Activity::Formation) };
     let MavMessage::GLOBAL_POSITION_INT(place) = telemetry::position(&sample, &origin, &home, 0) else { panic!() };
     assert_eq!((place.alt, place.relative_alt), (130_000, 30_000));
     assert!(place.hdg.abs_diff(156) <= 3, "{}", place.hdg);
@@ -198,7 +188,7 @@ fn a_mode_has_the_numbers_of_px4_and_only_a_vehicle_off_the_ground_is_armed() {
 fn a_summary_is_sent_once_and_a_silent_vehicle_sends_nothing() {
     let teams = [team(TOUR)];
     let mut bridge = Bridge::new(&teams, false, SystemIds::default());
-    let mut step = |now_ms: u64, silent_ms: u64, sample: &VehicleSample| {
+    let mut step = |now_ms: u64, silent_ms: u64, sample: &VehicleFacts| {
         let observed = [observed(&teams[0], Duration::from_millis(silent_ms), sample)];
         bridge.step(Duration::from_millis(now_ms), &teams, &observed)
     };

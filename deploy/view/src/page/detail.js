@@ -9,8 +9,13 @@ const DEGREES = 180 / Math.PI;
 
 const vector = (values, decimals = 1) => (values ? values.map((value) => format.number(value, decimals)).join(", ") : "–");
 
+/** A line about a fact that the server describes in `hello`. */
+const factLine = ({ key, name, about, factor, decimals, unit }) => [name, about, ({ [key]: value }) => (
+  Number.isFinite(value) ? `${format.number(value * factor, decimals)} ${unit}` : "–"
+)];
+
 /** Lines of the card: name, meaning and text. */
-const LINES = [
+const linesOf = ({ facts }) => [
   ["position", "north and east of the origin", ({ ne_m }) => `N ${format.number(ne_m?.[0], 1)}  E ${format.number(ne_m?.[1], 1)} m`],
   ["altitude", "altitude above the origin, and its setpoint", ({ altitude_m, setpoint_altitude_m }) => (
     `${format.number(altitude_m, 1)} m, setpoint ${format.number(setpoint_altitude_m, 1)} m`
@@ -27,9 +32,7 @@ const LINES = [
   ["field", "value of the formation field at the vehicle, north and east", ({ field_ne }) => vector(field_ne, 3)],
   ["error", "position error, north and east", ({ error_ne_m }) => `${vector(error_ne_m)} m`],
   ["controls", "roll, pitch, yaw, collective", ({ controls }) => vector(controls, 2)],
-  ["energy", "share of the battery, or of the tank, that is left", ({ energy_left }) => (
-    Number.isFinite(energy_left) ? `${format.number(energy_left * 100)} % left` : "–"
-  )],
+  ...facts.map(factLine),
   ["in formation", "for how long it has been at its altitude and in its place", ({ in_place_s }) => (
     Number.isFinite(in_place_s) ? `for ${format.number(in_place_s)} s` : "no"
   )],
@@ -46,10 +49,16 @@ export class Detail {
     this.title = element("h2");
     const close = element("button", { type: "button", textContent: "×", title: "close (Esc)", attributes: { "aria-label": "close" } });
     close.addEventListener("click", closed);
-    this.texts = new Map(LINES.map(([name]) => [name, element("dd", { className: name })]));
-    const list = element("dl", {}, ...LINES.flatMap(([name, title]) => [element("dt", { textContent: name, title }), this.texts.get(name)]));
+    this.list = element("dl");
     this.peers = element("ul", { className: "peers" });
-    this.card.append(element("header", {}, this.title, close), list, this.peers);
+    this.card.append(element("header", {}, this.title, close), this.list, this.peers);
+  }
+
+  /** Begins with another swarm. */
+  begin(swarm) {
+    this.swarm = swarm;
+    this.lines = linesOf(swarm).map(([name, title, of]) => ({ name, title, of, text: element("dd", { className: name }) }));
+    this.list.replaceChildren(...this.lines.flatMap(({ name, title, text }) => [element("dt", { textContent: name, title }), text]));
   }
 
   draw({ frame, swarm, selected }) {
@@ -59,7 +68,8 @@ export class Detail {
     if (!vehicle) return;
     const state = vehicle.contact === false ? `silent ${format.age(1000 * vehicle.silent_s)}, dead-reckoned` : doing(vehicle);
     setText(this.title, `Vehicle ${vehicle.id}: ${state ?? "–"}`);
-    for (const [name, , of] of LINES) setText(this.texts.get(name), of(vehicle));
+    if (this.swarm !== swarm) this.begin(swarm);
+    for (const { of, text } of this.lines) setText(text, of(vehicle));
     this.drawPeers(frame, swarm, only);
   }
 

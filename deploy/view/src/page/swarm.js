@@ -17,6 +17,8 @@ export class Swarm {
     this.ids = this.vehicles.map(({ id }) => String(id));
     this.index = new Map(this.ids.map((id, at) => [id, at]));
     this.isLarge = this.vehicles.length > LARGE;
+    /** Facts of a vehicle that its card shows as a number: key, name, meaning, factor, decimals, unit. */
+    this.facts = Array.isArray(hello.facts) ? hello.facts : [];
     this.scenario = hello.scenario ?? {};
     this.steps = this.scenario.steps ?? [];
     this.readTeams(hello);

@@ -15,7 +15,7 @@ use super::{head, row};
 const SOURCES: [&str; 11] = [
     include_str!("../../../../../common/src/message.rs"),
     include_str!("../../../../../common/src/message/health.rs"),
-    include_str!("../../../../../common/src/message/trace.rs"),
+    include_str!("../../../../../common/src/message/vehicle.rs"),
     include_str!("../../../../../common/src/message/summary.rs"),
     include_str!("../../../../../common/src/message/intent.rs"),
     include_str!("../../../../../common/src/message/order.rs"),
@@ -53,6 +53,9 @@ const PLAIN: [(&str, &str); 18] = [
     ("u8", "`u8`"),
     ("bool", "`bool`"),
 ];
+
+/// Types whose fields stand in the place of the field, with `#[serde(flatten)]`.
+const FLAT: [&str; 2] = ["VehicleFacts", "Option<ProcessFigures>"];
 
 /// The largest size of each message, bytes.
 const SIZES: [(&str, usize); 9] = [
@@ -165,6 +168,13 @@ fn part(item: &Item, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -> 
 
 /// The table of fields or variants; notes the types that they need.
 fn fields(item: &Item, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -> String {
+    let names: &[&str] =
+        if item.is_enum { &["number", "variant", "holds", "meaning"] } else { &["field", "type", "meaning"] };
+    head(names) + &rows(item, items, parts)
+}
+
+/// The rows of that table.
+fn rows(item: &Item, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -> String {
     let mut rows = String::new();
     for (nth, Field { name, kind, about }) in item.fields.iter().enumerate() {
         let name = format!("`{name}`");
@@ -176,13 +186,14 @@ fn fields(item: &Item, items: &BTreeMap<&str, &Item>, parts: &mut Vec<String>) -
             });
             let held: Vec<_> = held.collect();
             rows += &row(&[&nth.to_string(), &name, &held.join(", "), about]);
+        } else if FLAT.contains(&&**kind) {
+            let inner = kind.trim_start_matches("Option<").trim_end_matches('>');
+            rows += &self::rows(items[inner], items, parts);
         } else {
             rows += &row(&[&name, &shown(kind, items, parts), about]);
         }
     }
-    let names: &[&str] =
-        if item.is_enum { &["number", "variant", "holds", "meaning"] } else { &["field", "type", "meaning"] };
-    head(names) + &rows
+    rows
 }
 
 /// A Rust type for a reader of any language.
