@@ -49,7 +49,7 @@ impl FromStr for WebChoice {
 }
 
 impl WebChoice {
-    /// What was asked for, else what is written in the scenario, else the simulator's own host where that is this PC: X-Plane
+    /// The choice of the command line, else that of the scenario, else the simulator's own host where that is this PC: X-Plane
     /// answers on the loopback only.
     pub fn or_of(given: Option<&Self>, written: Option<&str>, simulator: &HostPort) -> Self {
         let written = written.and_then(|text| text.parse().ok()).map(Self::At);
@@ -82,7 +82,7 @@ pub enum WebError {
 
 /// A dataref as X-Plane lists it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Listed {
+pub struct ListedDataref {
     pub(crate) id: u64,
     pub(crate) value_type: String,
 }
@@ -96,7 +96,7 @@ pub struct WebApi {
     pub versions: Vec<String>,
     /// X-Plane's version, `12.4.0`.
     pub simulator: String,
-    datarefs: BTreeMap<String, Listed>,
+    datarefs: BTreeMap<String, ListedDataref>,
 }
 
 impl WebApi {
@@ -144,7 +144,7 @@ impl WebApi {
     }
 
     /// The dataref with this name; `name[2]` is one of an array, or in X-Plane 11's style a name of its own.
-    pub fn find(&self, path: &str) -> Option<&Listed> {
+    pub fn find(&self, path: &str) -> Option<&ListedDataref> {
         let name = path.split_once('[').map_or(path, |(name, _)| name);
         self.datarefs.get(path).or_else(|| self.datarefs.get(name))
     }
@@ -223,7 +223,7 @@ impl WebApi {
     }
 }
 
-/// What an X-Plane at this place answers with this status and text.
+/// Reads the answer of an X-Plane at this place.
 ///
 /// # Errors
 /// If it refuses, or the text is not JSON.
@@ -246,10 +246,10 @@ pub fn read_answer(place: &str, status: u16, text: &str) -> Result<Value, WebErr
 }
 
 /// The datarefs in an answer, by their names; `None` if it lists none.
-fn datarefs(answer: &Value) -> Option<BTreeMap<String, Listed>> {
+fn datarefs(answer: &Value) -> Option<BTreeMap<String, ListedDataref>> {
     let entry = |entry: &Value| {
         let value_type = entry["value_type"].as_str()?.to_owned();
-        Some((entry["name"].as_str()?.to_owned(), Listed { id: entry["id"].as_u64()?, value_type }))
+        Some((entry["name"].as_str()?.to_owned(), ListedDataref { id: entry["id"].as_u64()?, value_type }))
     };
     Some(answer["data"].as_array()?.iter().filter_map(entry).collect())
 }
