@@ -13,7 +13,7 @@ use skein_lab::error::{Error, of_writing};
 use skein_lab::scenario::quoted;
 use skein_lab::terminal::{say, what_next};
 
-use crate::os;
+use skein_cluster::os;
 use start::Start;
 
 /// `skein files new`

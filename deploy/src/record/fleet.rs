@@ -76,7 +76,7 @@ impl FleetRecorder {
     /// Records an event that a vehicle reported.
     pub fn event(&mut self, at: Instant, team: TeamId, vehicle: VehicleId, what: EventKind) {
         if self.window.is_some() {
-            self.file.event(at, VehicleName { team: Some(team), vehicle }, what);
+            self.file.event(at, VehicleName { team: Some(team), vehicle }, None, what);
         }
     }
 

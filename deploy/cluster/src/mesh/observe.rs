@@ -17,6 +17,7 @@ use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{self, Event, Health, Heartbeat, Message, Order, Reason, StandingOrders, Summary, Trace};
+use skein_common::state::Membership;
 use skein_common::topic::{self, Author, Branch, Topic};
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
@@ -48,7 +49,7 @@ pub enum TraceSubscription {
 pub enum SwarmMessage {
     /// The trace of one control step.
     Trace(Trace),
-    /// What the vehicle believes, at most ten times a second.
+    /// The vehicle's own estimates, at most ten times a second.
     Summary(Summary),
     /// The vehicle's health report.
     Health(Health),
@@ -99,6 +100,11 @@ pub struct VehicleView {
 }
 
 impl VehicleView {
+    /// Whether the vehicle is an active member of the swarm, or was one, by its newest trace.
+    pub fn is_active(&self) -> bool {
+        self.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
+    }
+
     /// Forgets the summary of a vehicle in contact, which sends a new one. That of a vehicle that is gone is the last.
     fn forget_summary(&mut self) {
         if self.alive {
@@ -111,7 +117,7 @@ impl VehicleView {
         self.summary_at = self.summary_at.map(|summary_at| summary_at.max(at));
     }
 
-    /// What the vehicle's newest trace or summary shows, and when that arrived; of the two the one that arrived last.
+    /// The sample of the vehicle's newest trace or summary, whichever arrived last, and the time of its arrival.
     pub fn newest(&self) -> Option<(VehicleSample, Instant)> {
         let traced = self.trace.as_ref().zip(self.trace_at);
         let summarised = self.summary.as_ref().zip(self.summary_at);
@@ -433,46 +439,35 @@ fn update(
     vehicles: &mut BTreeMap<VehicleId, VehicleView>,
     ReceivedMessage { received, run, at }: &ReceivedMessage,
 ) -> bool {
-    let newer = |header: &message::Header, known: Option<&message::Header>| {
-        known.map(message::Header::order) < Some(header.order())
-    };
     match received {
         SwarmMessage::Trace(trace) => {
             let view = vehicles.entry(trace.header.sender).or_default();
-            let news = newer(&trace.header, view.trace.as_ref().map(|known| &known.header));
-            if news {
-                view.trace = Some(trace.clone());
-                view.trace_at = Some(*at);
-            }
-            news
+            let is_news = keep(&mut view.trace, trace, |trace| trace.header);
+            view.trace_at = if is_news { Some(*at) } else { view.trace_at };
+            is_news
         }
         SwarmMessage::Summary(summary) => {
             let view = vehicles.entry(summary.header.sender).or_default();
-            let news = newer(&summary.header, view.summary.as_ref().map(|known| &known.header));
-            if news {
-                (view.summary, view.summary_at) = (Some(summary.clone()), Some(*at));
-            }
-            news
+            let is_news = keep(&mut view.summary, summary, |summary| summary.header);
+            view.summary_at = if is_news { Some(*at) } else { view.summary_at };
+            is_news
         }
         SwarmMessage::Health(health) => {
             let view = vehicles.entry(health.header.sender).or_default();
-            let news = newer(&health.header, view.health.as_ref().map(|known| &known.header));
-            if news {
-                (view.health, view.health_at, view.health_run) = (Some(health.clone()), Some(*at), *run);
+            let is_news = keep(&mut view.health, health, |health| health.header);
+            if is_news {
+                (view.health_at, view.health_run) = (Some(*at), *run);
             }
-            news
+            is_news
         }
         SwarmMessage::Mission(mission) => {
             let view = vehicles.entry(mission.header.sender).or_default();
-            let news = newer(&mission.header, view.mission.as_ref().map(|known| &known.header));
-            if news {
-                let life = |mission: &Heartbeat| mission.header.incarnation;
-                if view.mission.as_ref().map(life) != Some(life(mission)) || view.run != *run {
-                    view.orders = StandingOrders::default();
-                }
-                (view.mission, view.run) = (Some(*mission), *run);
+            let life = view.mission.map(|known| known.header.incarnation);
+            let is_news = keep(&mut view.mission, mission, |mission| mission.header);
+            if is_news && (life != Some(mission.header.incarnation) || view.run != *run) {
+                (view.orders, view.run) = (StandingOrders::default(), *run);
             }
-            news
+            is_news
         }
         SwarmMessage::Event(_) => true,
         SwarmMessage::Appeared(id) | SwarmMessage::Vanished(id) => {
@@ -480,6 +475,15 @@ fn update(
             true
         }
     }
+}
+
+/// Keeps a message if it is newer than the known one. Returns whether it is.
+fn keep<M: Clone>(known: &mut Option<M>, new: &M, header: fn(&M) -> message::Header) -> bool {
+    let is_newer = known.as_ref().map(|known| header(known).order()) < Some(header(new).order());
+    if is_newer {
+        *known = Some(new.clone());
+    }
+    is_newer
 }
 
 #[cfg(test)]
