@@ -1,4 +1,4 @@
-//! What a page receives first: the swarm, its vehicles, and the scenario that they fly.
+//! The first message to a page: the swarm, its vehicles, and the scenario that they fly.
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -21,7 +21,7 @@ pub(super) enum SourceKind {
     Recording,
 }
 
-/// Which orders the page may give.
+/// The rule for orders of the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OrderRule {
     Refused,
@@ -70,7 +70,7 @@ pub(super) fn hello(teams: &[Team], source: SourceKind, title: &str, span: Span,
     .to_string()
 }
 
-/// What the page draws of a scenario. Places are relative to the swarm's origin, in a fleet to the team's.
+/// The part of a scenario that the page draws. Places are relative to the swarm's origin, in a fleet to the team's.
 fn scenario(scenario: &Scenario) -> Value {
     let origin = scenario.team.map_or(scenario.origin, |team| team.origin);
     json!({
