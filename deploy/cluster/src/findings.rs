@@ -1,4 +1,4 @@
-//! What a check found, line by line, each fault with its remedy; and tables of such lines.
+//! The findings of a check, line by line, each fault with its remedy; and tables of such lines.
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use serde::Serialize;
@@ -9,13 +9,13 @@ use skein_lab::error::Error;
 pub struct Line {
     /// The node or host.
     pub place: String,
-    /// What was checked.
+    /// The thing that was checked.
     pub what: &'static str,
     /// The verdict.
     pub state: State,
-    /// What was found.
+    /// The finding.
     pub found: String,
-    /// What to do about it.
+    /// The remedy.
     pub remedy: Option<String>,
 }
 
