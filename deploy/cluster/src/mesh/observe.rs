@@ -439,35 +439,46 @@ fn update(
     vehicles: &mut BTreeMap<VehicleId, VehicleView>,
     ReceivedMessage { received, run, at }: &ReceivedMessage,
 ) -> bool {
+    let newer = |header: &message::Header, known: Option<&message::Header>| {
+        known.map(message::Header::order) < Some(header.order())
+    };
     match received {
         SwarmMessage::Trace(trace) => {
             let view = vehicles.entry(trace.header.sender).or_default();
-            let is_news = keep(&mut view.trace, trace, |trace| trace.header);
-            view.trace_at = if is_news { Some(*at) } else { view.trace_at };
-            is_news
+            let news = newer(&trace.header, view.trace.as_ref().map(|known| &known.header));
+            if news {
+                view.trace = Some(trace.clone());
+                view.trace_at = Some(*at);
+            }
+            news
         }
         SwarmMessage::Summary(summary) => {
             let view = vehicles.entry(summary.header.sender).or_default();
-            let is_news = keep(&mut view.summary, summary, |summary| summary.header);
-            view.summary_at = if is_news { Some(*at) } else { view.summary_at };
-            is_news
+            let news = newer(&summary.header, view.summary.as_ref().map(|known| &known.header));
+            if news {
+                (view.summary, view.summary_at) = (Some(summary.clone()), Some(*at));
+            }
+            news
         }
         SwarmMessage::Health(health) => {
             let view = vehicles.entry(health.header.sender).or_default();
-            let is_news = keep(&mut view.health, health, |health| health.header);
-            if is_news {
-                (view.health_at, view.health_run) = (Some(*at), *run);
+            let news = newer(&health.header, view.health.as_ref().map(|known| &known.header));
+            if news {
+                (view.health, view.health_at, view.health_run) = (Some(health.clone()), Some(*at), *run);
             }
-            is_news
+            news
         }
         SwarmMessage::Mission(mission) => {
             let view = vehicles.entry(mission.header.sender).or_default();
-            let life = view.mission.map(|known| known.header.incarnation);
-            let is_news = keep(&mut view.mission, mission, |mission| mission.header);
-            if is_news && (life != Some(mission.header.incarnation) || view.run != *run) {
-                (view.orders, view.run) = (StandingOrders::default(), *run);
+            let news = newer(&mission.header, view.mission.as_ref().map(|known| &known.header));
+            if news {
+                let life = |mission: &Heartbeat| mission.header.incarnation;
+                if view.mission.as_ref().map(life) != Some(life(mission)) || view.run != *run {
+                    view.orders = StandingOrders::default();
+                }
+                (view.mission, view.run) = (Some(*mission), *run);
             }
-            is_news
+            news
         }
         SwarmMessage::Event(_) => true,
         SwarmMessage::Appeared(id) | SwarmMessage::Vanished(id) => {
@@ -475,15 +486,6 @@ fn update(
             true
         }
     }
-}
-
-/// Keeps a message if it is newer than the known one. Returns whether it is.
-fn keep<M: Clone>(known: &mut Option<M>, new: &M, header: fn(&M) -> message::Header) -> bool {
-    let is_newer = known.as_ref().map(|known| header(known).order()) < Some(header(new).order());
-    if is_newer {
-        *known = Some(new.clone());
-    }
-    is_newer
 }
 
 #[cfg(test)]
