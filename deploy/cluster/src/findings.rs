@@ -9,13 +9,13 @@ use skein_lab::error::Error;
 pub struct Line {
     /// The node or host.
     pub place: String,
-    /// The thing that was checked.
+    /// The thing that was checked: `clock`, `keys`.
     pub what: &'static str,
     /// The verdict.
     pub state: State,
     /// The finding.
     pub found: String,
-    /// The remedy.
+    /// The remedy, if it is a fault or a warning.
     pub remedy: Option<String>,
 }
 

@@ -49,7 +49,7 @@ pub enum TraceSubscription {
 pub enum SwarmMessage {
     /// The trace of one control step.
     Trace(Trace),
-    /// The vehicle's own estimates, at most ten times a second.
+    /// The vehicle's own view of itself, at most ten times a second.
     Summary(Summary),
     /// The vehicle's health report.
     Health(Health),
@@ -117,7 +117,7 @@ impl VehicleView {
         self.summary_at = self.summary_at.map(|summary_at| summary_at.max(at));
     }
 
-    /// The sample of the vehicle's newest trace or summary, whichever arrived last, and the time of its arrival.
+    /// The state of the vehicle by its newest trace or summary, whichever arrived last, and the time of arrival.
     pub fn newest(&self) -> Option<(VehicleSample, Instant)> {
         let traced = self.trace.as_ref().zip(self.trace_at);
         let summarised = self.summary.as_ref().zip(self.summary_at);

@@ -158,7 +158,7 @@ impl Surveyor {
     pub fn write(&self, path: &str, value: f32) {
         let mut bytes = Vec::new();
         if (Write { value, path }).encode(&mut bytes).is_ok() {
-            self.send(&bytes, 3);
+            (0..3).for_each(|_| self.send(&bytes));
         }
     }
 
@@ -166,20 +166,20 @@ impl Surveyor {
     pub(crate) fn place(&self, placement: &Placement) {
         let mut bytes = Vec::new();
         placement.encode(&mut bytes);
-        self.send(&bytes, 3);
+        (0..3).for_each(|_| self.send(&bytes));
     }
 
     /// Runs a command of X-Plane, once.
     pub fn command(&self, path: &str) {
         let mut bytes = Vec::new();
         if (Command { path }).encode(&mut bytes).is_ok() {
-            self.send(&bytes, 1);
+            self.send(&bytes);
         }
     }
 
-    /// Sends a datagram this many times. One that the system refuses is lost, as on any network.
-    fn send(&self, bytes: &[u8], times: usize) {
-        (0..times).for_each(|_| drop(self.socket.send_to(bytes, self.simulator)));
+    /// Sends a datagram; a lost one shows as a simulator that does not answer.
+    fn send(&self, bytes: &[u8]) {
+        let _ = self.socket.send_to(bytes, self.simulator);
     }
 
     fn subscribe(&self, datarefs: &[String], first: i32, values_hz: u32, positions_hz: u32) {
@@ -187,7 +187,7 @@ impl Surveyor {
         // A lost request shows as a silent dataref; the first requests are repeated.
         if positions_hz > 0 || values_hz == 0 {
             PositionRequest { rate_hz: positions_hz }.encode(&mut bytes);
-            self.send(&bytes, 1);
+            self.send(&bytes);
         }
         for (nth, path) in datarefs.iter().enumerate() {
             if nth > 0 && nth % BATCH == 0 {
@@ -195,7 +195,7 @@ impl Surveyor {
             }
             let request = DatarefRequest { frequency_hz: values_hz, index: first + nth as i32, path };
             if request.encode(&mut bytes).is_ok() {
-                self.send(&bytes, 1);
+                self.send(&bytes);
             }
         }
     }

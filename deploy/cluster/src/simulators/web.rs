@@ -49,7 +49,7 @@ impl FromStr for WebChoice {
 }
 
 impl WebChoice {
-    /// The choice of the command line, else that of the scenario, else the simulator's own host where that is this PC: X-Plane
+    /// The given choice, else the one that is written in the scenario, else the simulator's own host where that is this PC: X-Plane
     /// answers on the loopback only.
     pub fn or_of(given: Option<&Self>, written: Option<&str>, simulator: &HostPort) -> Self {
         let written = written.and_then(|text| text.parse().ok()).map(Self::At);
@@ -223,7 +223,7 @@ impl WebApi {
     }
 }
 
-/// Reads the answer of an X-Plane at this place.
+/// Reads the answer of an X-Plane at this place, with this status and text.
 ///
 /// # Errors
 /// If it refuses, or the text is not JSON.
