@@ -147,7 +147,7 @@ impl Flights {
             file.stay();
         }
         let notes = over.iter().flat_map(|result| shown(result.plan.scenario(), result.notes.clone()));
-        let notes: Vec<String> = notes.chain(recorder.and_then(|recorder| told(recorder.finish()))).collect();
+        let notes: Vec<String> = notes.chain(recorder.and_then(|recorder| told(recorder.file.finish()))).collect();
         notes.iter().for_each(|note| complain(note));
         let failures = over.iter().filter_map(|result| Some((result.plan.scenario(), result.verdict().err()?)));
         let failures: Vec<_> = failures.flat_map(|(scenario, why)| shown(scenario, vec![why])).collect();

@@ -129,7 +129,7 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written
     while interrupts.count() == 0 {
         let now = clock::now();
         let has_failed = |team: &RecordedTeam<'_>| team.full.as_ref().is_some_and(Recorder::has_failed);
-        if fleet.as_ref().map_or_else(|| teams.iter().any(has_failed), FleetRecorder::has_failed) {
+        if fleet.as_ref().map_or_else(|| teams.iter().any(has_failed), |fleet| fleet.file.has_failed()) {
             break;
         }
         let is_due = fleet.as_mut().is_some_and(|fleet| fleet.is_due(now, || teams.iter().all(|team| team.has_begun)));
@@ -137,13 +137,13 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written
         clock::sleep(TICK);
     }
     let steps = || teams.iter().filter_map(|team| team.full.as_ref()).map(Recorder::steps).sum();
-    let (counted, count) = fleet.as_ref().map_or_else(|| ("steps", steps()), |fleet| ("samples", fleet.samples()));
+    let (counted, count) = fleet.as_ref().map_or_else(|| ("steps", steps()), |fleet| ("samples", fleet.samples));
     let is_fleet = fleet.is_some();
     let seen = |team: &RecordedTeam<'_>| team.observer.vehicles().values().filter(|view| view.trace.is_some()).count();
     let vehicles: usize = teams.iter().map(seen).sum();
     let rejected: u64 = teams.iter().map(|team| team.observer.dropped()).sum();
     let files = teams.into_iter().filter_map(|team| team.full).map(Recorder::finish);
-    let dropped: Result<Vec<u64>, _> = fleet.map(FleetRecorder::finish).into_iter().chain(files).collect();
+    let dropped: Result<Vec<u64>, _> = fleet.map(|fleet| fleet.file.finish()).into_iter().chain(files).collect();
     let dropped: u64 = dropped.map_err(|error| about_file(out, &[], error))?.iter().sum();
     let recorded = match is_fleet {
         true => format!("{vehicles} vehicles at {count} times"),
