@@ -246,7 +246,8 @@ impl AgentOptions {
         let name = path.display().to_string();
         let id = full_name.vehicle;
         let whole = self.inputs.as_ref().map(|_| described.to_toml());
-        let Loaded { mut notes, mut scenario, .. } = fleet::swarm_of(full_name, described)
+        let Loaded { mut notes, mut scenario, .. } = described
+            .into_team(full_name.team)
             .ok_or_else(|| ConfigError::Team { name: full_name, file: name.clone() })?;
         check_live(&scenario).map_err(|source| ConfigError::UnsupportedScenario { file: name.clone(), source })?;
         let vehicles = scenario.swarm.vehicles;

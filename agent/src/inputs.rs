@@ -26,7 +26,6 @@ use skein_core::control::{FisError, Rules};
 use skein_core::formation::UnsupportedScenario;
 use skein_core::station::{Clocks, Station};
 
-use crate::config::fleet;
 pub use reader::{InputsReader, RecordedStep};
 pub use recorder::{Keeper, Recorder};
 
@@ -124,7 +123,7 @@ impl Flown {
         let described = scenario::load_any(&Source { name: "scenario.toml", text: &self.scenario }, &[])?;
         let name: VehicleName =
             self.vehicle.parse().map_err(|source| InputsError::Vehicle { name: self.vehicle.clone(), source })?;
-        let swarm = fleet::swarm_of(name, described).ok_or(InputsError::NotInScenario(name))?;
+        let swarm = described.into_team(name.team).ok_or(InputsError::NotInScenario(name))?;
         let scenario = swarm.scenario;
         scenario.vehicle(name.vehicle).ok_or(InputsError::NotInScenario(name))?;
         let aircraft = Aircraft::from_text("aircraft.toml", &self.aircraft)?;

@@ -44,7 +44,7 @@ pub struct Capacity {
     pub measured: Measured,
     /// The capacity of each communication scheme.
     pub schemes: Vec<Fits>,
-    /// What the vehicles of a fleet received by cells.
+    /// The messages that the vehicles of a fleet received by cells.
     pub fleet: FlownFleet,
 }
 
@@ -98,7 +98,7 @@ impl Capacity {
     /// Calculates the capacity of every scheme from the measurements.
     pub fn of(measured: Measured, fleet: FlownFleet) -> Self {
         let fits = |scheme: &Scheme| Fits {
-            scheme: scheme.name(),
+            scheme: scheme.name.to_owned(),
             port_1_gbit: scheme.most(&measured, |load| load.port_bit_s.iter().all(|bit_s| *bit_s <= GIGABIT_S)),
             one_core: scheme
                 .load(&measured, 1)
@@ -197,7 +197,7 @@ impl Capacity {
         format!("{table}\n")
     }
 
-    /// What a vehicle of the flown fleet receives, beside the same number of vehicles all to all.
+    /// The table of what a vehicle of the flown fleet receives, beside the same number of vehicles all to all.
     fn fleet_table(&self) -> String {
         let Measured { time, state, heartbeat, heartbeat_hz, .. } = &self.measured;
         let FlownFleet { vehicles, own_team, other_teams, all, links, .. } = &self.fleet;

@@ -89,7 +89,7 @@ fn scenario(args: &CheckArgs) -> Result<(), Error> {
     described.all().iter().try_for_each(|team| verdict(args, team).map(drop))
 }
 
-/// What there is to know of the scenario's own rule bases: what is unusual about them, and how they hover.
+/// The lines about the scenario's own rule bases: what is unusual about them, and how they hover.
 fn rules_tried(scenario: &Scenario, ready: &Ready) -> Vec<String> {
     let warnings = ready.rules.warnings.iter().map(|warning| format!("warning: {warning}"));
     let mut lines: Vec<String> = warnings.collect();

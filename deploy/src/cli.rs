@@ -108,7 +108,7 @@ pub enum Command {
     Node(NodeArgs),
 }
 
-/// What concerns simulators.
+/// The commands about simulators.
 #[derive(Debug, Subcommand)]
 pub enum XplaneCommand {
     /// Whether an X-Plane answers, its frames, datarefs, overrides and state, each fault with its remedy
@@ -124,7 +124,7 @@ pub enum XplaneCommand {
     Standin(StandinOptions),
 }
 
-/// What concerns the files that a user writes.
+/// The commands about the files that a user writes.
 #[derive(Debug, Subcommand)]
 pub enum FilesCommand {
     /// Write a commented start: a scenario, a law, an aircraft, a cluster file, a study

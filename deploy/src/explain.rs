@@ -56,10 +56,8 @@ fn as_text(keys: &[&Key], columns: usize) -> String {
 }
 
 fn key_as_text(key: &Key, columns: usize) -> String {
-    let unit = key.unit().filter(|unit| *unit != "1");
-    let with_unit = |text: String| unit.map_or_else(|| text.clone(), |unit| spaced(&text, unit));
     let value = |literal: Literal| match literal {
-        Literal::Number(_) | Literal::Integer(_) => with_unit(literal.to_string()),
+        Literal::Number(_) | Literal::Integer(_) => with_unit(key, literal.to_string()),
         _ => literal.to_string(),
     };
     let mut default = value(key.default);
@@ -70,7 +68,7 @@ fn key_as_text(key: &Key, columns: usize) -> String {
     }
     let lines = [
         ("kind", Some(key.kind.to_string())),
-        ("range", key.kind.range().map(with_unit)),
+        ("range", key.kind.range().map(|range| with_unit(key, range))),
         ("default", Some(default)),
         ("flight", in_flight(key)),
         ("reason", Some(key.about.to_owned())),
@@ -88,15 +86,17 @@ fn key_as_text(key: &Key, columns: usize) -> String {
 
 /// How fast the key can change in flight, if it can.
 fn in_flight(key: &Key) -> Option<String> {
-    let rate_per_s = TunableKey::find(key.path)?.rate_per_s().to_string();
-    let rate =
-        key.unit().filter(|unit| *unit != "1").map_or_else(|| rate_per_s.clone(), |unit| spaced(&rate_per_s, unit));
+    let rate = with_unit(key, TunableKey::find(key.path)?.rate_per_s().to_string());
     Some(format!("`skein order set` changes it by at most {rate} a second"))
 }
 
-/// Joins a number and its unit: 45°, 100 m.
-fn spaced(number: &str, unit: &str) -> String {
-    if unit == "°" { format!("{number}{unit}") } else { format!("{number} {unit}") }
+/// The number with the key's unit, if it has one: 45°, 100 m.
+fn with_unit(key: &Key, number: String) -> String {
+    match key.unit() {
+        Some("°") => format!("{number}°"),
+        Some(unit) if unit != "1" => format!("{number} {unit}"),
+        _ => number,
+    }
 }
 
 /// Makes a JSON object for each key. `range` is `{min, max, min_included}` for numbers, the array of choices if the key

@@ -58,7 +58,7 @@ pub fn run(args: &FitArgs) -> Result<(), Error> {
     let (profile, text) =
         files::profile(&args.base, Path::new("")).map_err(|fault| Error::Refused(format!("--base: {fault}")))?;
     let address = args.xplane.to_string();
-    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    let interrupts = Interrupts::listen()?;
     let (fitted, version) = fly(&address, &profile, &interrupts)?;
     let found_on = format!("{} at {address}", version_text(version));
     out::write(&file, aircraft_file(&fitted, &args.name.to_string(), &found_on, &text))?;

@@ -35,7 +35,7 @@ use skein_core::formation::room;
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
 use skein_lab::study::seed;
-use skein_view::{NameArgs, OrdersArgs, PageBeside, Served};
+use skein_view::{NameArgs, OrdersArgs, Served};
 
 pub mod children;
 pub mod fleet;
@@ -155,7 +155,7 @@ pub fn run(args: &FlyArgs) -> Result<(), Error> {
         notes.extend(said.filter(|note| !notes.contains(note)).collect::<Vec<_>>());
     }
     notes.iter().for_each(|note| eprintln!("{note}"));
-    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    let interrupts = Interrupts::listen()?;
     let vehicles: Vec<usize> = plans.plans.iter().map(|plan| plan.scenario().swarm.vehicles).collect();
     capacity::ask_for(&vehicles, args.anyway)?;
     let (page, code) = serve_page(args, plans.described.first().scenario.swarm.name.clone())?;
@@ -184,7 +184,7 @@ fn serve_page(args: &FlyArgs, swarm: SwarmName) -> Result<(Vec<String>, Option<S
     }
     let served = Served { address: args.view.flatten(), option: "--view", names: &args.names, orders: &args.orders };
     match skein_view::beside(SwarmArgs { swarm: Some(swarm), file: None }, served) {
-        Ok(PageBeside { addresses, code }) => {
+        Ok((addresses, code)) => {
             Ok((addresses.iter().map(|address| format!("live page: http://{address}")).collect(), code))
         }
         Err(error) if !is_asked_for => Ok((vec![format!("no live page: {error}")], None)),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Command;
 use clap_complete::Shell;
-use skein_lab::error::Error;
+use skein_lab::error::{Error, of_writing};
 use skein_lab::terminal::{draw, say};
 
 /// `skein completions`
@@ -42,7 +42,7 @@ pub fn complete(args: &CompletionsArgs, mut program: Command) {
 /// If a page cannot be written.
 pub fn write_pages(args: &ManArgs, program: Command) -> Result<(), Error> {
     let written = fs::create_dir_all(&args.out).and_then(|()| clap_mangen::generate_to(program, &args.out));
-    written.map_err(|error| Error::Failed(format!("{}: {error}", args.out.display())))?;
+    written.map_err(|error| Error::Failed(format!("{}: {}", args.out.display(), of_writing(&error))))?;
     say(&format!("manual pages written to {}\n", args.out.display()));
     Ok(())
 }

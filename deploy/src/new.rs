@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Subcommand, ValueEnum};
-use skein_lab::error::Error;
+use skein_lab::error::{Error, of_writing};
 use skein_lab::scenario::quoted;
 use skein_lab::terminal::{say, what_next};
 
+use skein_cluster::os;
 use start::Start;
 
 /// `skein files new`
@@ -152,23 +153,12 @@ fn write(folder: &Path, start: &Start) -> Result<String, Error> {
         let written = || {
             path.parent().map_or(Ok(()), fs::create_dir_all)?;
             fs::File::create_new(path)?.write_all(file.text.as_bytes())?;
-            if file.is_program { make_executable(path) } else { Ok(()) }
+            if file.is_program { os::set_mode(path, 0o755) } else { Ok(()) }
         };
-        written().map_err(|error| Error::Failed(format!("{}: {error}", path.display())))?;
+        written().map_err(|error| Error::Failed(format!("{}: {}", path.display(), of_writing(&error))))?;
     }
     let line = |file: &start::NewFile| format!("written  {}  {}\n", quoted(&file.path), file.about);
     Ok(start.files.iter().map(line).collect())
-}
-
-#[cfg(unix)]
-fn make_executable(path: &Path) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    fs::set_permissions(path, fs::Permissions::from_mode(0o755))
-}
-
-#[cfg(not(unix))]
-fn make_executable(_: &Path) -> std::io::Result<()> {
-    Ok(())
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ use skein_host::files;
 use skein_lab::error::Error;
 use skein_lab::terminal::{complain, say};
 
-use crate::check::xplane::read_until;
 use skein_cluster::ports::HostPort;
 use skein_cluster::simulators::survey::{SILENT, Surveyor};
 
@@ -73,9 +72,9 @@ fn release(address: &str, overrides: &[String]) -> Result<String, Error> {
     let was_held = overrides.iter().any(|path| is_held(&path));
     let drawn: Vec<_> = all[overrides.len()..].iter().filter(is_held).collect();
     overrides.iter().chain(drawn.iter().copied()).for_each(|path| surveyor.write(path, 0.0));
-    let is_free = read_until(&surveyor, overrides, 0.0)?;
+    let is_free = surveyor.reads(overrides, 0.0)?;
     skein_host::clock::sleep(STAYS);
-    if !(is_free && read_until(&surveyor, overrides, 0.0)?) {
+    if !(is_free && surveyor.reads(overrides, 0.0)?) {
         return Err(Error::Failed("an agent takes the controls again; land it: `skein order land`".to_owned()));
     }
     let controls = if was_held { "the controls are given back" } else { "the controls were free already" };

@@ -7,10 +7,10 @@ use std::panic::{self, AssertUnwindSafe};
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use serde::Serialize;
 use serde_json::{Value, json};
 use skein_agent::inputs::{Flown, InputsError, InputsReader, RecordedStep};
 use skein_common::message::{EventKind, Trace};
-use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::Outputs;
 use skein_core::formation::Workspace;
 use skein_core::plant::GroundTruth;
@@ -70,23 +70,24 @@ impl Break {
 }
 
 /// The first step in which the core gave something else than in flight.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 struct Difference {
     step: u64,
     at_s: f64,
+    #[serde(rename = "in_flight")]
     recorded: Option<Outputs>,
     /// `None` if the core panicked.
     replayed: Option<Outputs>,
 }
 
-/// What a replay has found.
+/// The findings of a replay.
 #[derive(Debug, Default)]
 struct Replayed {
     /// Number of steps that were run.
     steps: u64,
     /// Time of the last of them since the agent's start, s.
     end_s: f64,
-    /// What the core reported, with the time, s.
+    /// The events that the core reported, with the time, s.
     events: Vec<(f64, EventKind)>,
     difference: Option<Difference>,
     /// The state after the step of the breakpoint.
@@ -148,16 +149,16 @@ fn replay(mut reader: InputsReader<'_>, mut station: Station, args: &ReplayArgs)
         (replayed.steps, replayed.end_s) = (replayed.steps + 1, at_s);
         let Some(outputs) = run_step(&mut station, &step, &mut workspace) else {
             replayed.has_panicked = step.outputs.is_none();
-            if step.outputs.is_some() {
-                replayed.difference =
-                    Some(Difference { step: replayed.steps, at_s, recorded: step.outputs, replayed: None });
-            }
+            let difference =
+                |recorded| Difference { step: replayed.steps, at_s, recorded: Some(recorded), replayed: None };
+            replayed.difference = step.outputs.map(difference);
             break;
         };
         replayed.events.extend(outputs.outbox.happened.iter().map(|event| (at_s, *event)));
         let is_here = |place: &Break| place.is_here(at_s, &outputs.outbox.happened);
         if args.break_at.as_ref().is_some_and(is_here) {
-            replayed.state = Some(state(&mut station, right, plant_time));
+            // The plant's true state is no input of the core: it is not in the file.
+            replayed.state = Some(station.trace(right, plant_time, &GroundTruth::default()));
         }
         if !step.has_outputs(&outputs) {
             replayed.difference =
@@ -172,17 +173,12 @@ fn replay(mut reader: InputsReader<'_>, mut station: Station, args: &ReplayArgs)
     replayed
 }
 
-/// What the core gives in this step; `None` if it panics.
+/// Runs the core for this step and returns its outputs; `None` if it panics.
 fn run_step(station: &mut Station, step: &RecordedStep, workspace: &mut Workspace) -> Option<Outputs> {
     let mut inputs = step.inputs.clone();
     // After a panic the station is not used again.
     let run = AssertUnwindSafe(|| station.step_with(&mut inputs, workspace));
     panic::catch_unwind(run).inspect_err(|_| complain("the core panics in the last step")).ok()
-}
-
-fn state(station: &mut Station, right: LocalTime, plant_time: PlantTime) -> Trace {
-    // The plant's true state is no input of the core: it is not in the file.
-    station.trace(right, plant_time, &GroundTruth::default())
 }
 
 fn as_text(flown: &Flown, replayed: &Replayed) -> String {
@@ -276,12 +272,7 @@ fn as_json(flown: &Flown, replayed: &Replayed) -> Value {
         "end_s": replayed.end_s,
         "events": events.collect::<Vec<_>>(),
         "same": replayed.difference.is_none() && replayed.damage.is_none(),
-        "difference": replayed.difference.as_ref().map(|difference| json!({
-            "step": difference.step,
-            "at_s": difference.at_s,
-            "in_flight": difference.recorded,
-            "replayed": difference.replayed,
-        })),
+        "difference": replayed.difference,
         "state": replayed.state,
         "panicked": replayed.has_panicked,
         "cut_off": replayed.is_cut_off,

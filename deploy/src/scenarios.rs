@@ -25,7 +25,7 @@ pub struct ScenariosArgs {
 struct Listed {
     /// The name by which it flies.
     name: &'static str,
-    /// What it is about.
+    /// The sentence about it.
     about: String,
 }
 

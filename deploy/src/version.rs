@@ -1,4 +1,4 @@
-//! What `skein --version` and `skein -V` print.
+//! The lines of `skein --version` and `skein -V`.
 
 use std::sync::LazyLock;
 

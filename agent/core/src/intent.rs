@@ -229,7 +229,7 @@ impl Intents {
 #[cfg(test)]
 mod tests {
     use skein_common::id::Incarnation;
-    use skein_common::scenario::{Described, Source, load_any};
+    use skein_common::scenario::{Source, load_any};
 
     use super::*;
 
@@ -271,10 +271,8 @@ mod tests {
 
     fn intents(text: &str) -> Intents {
         let text = alloc::format!("[fleet]\nteams = 2\n[swarm]\nvehicles = 4\n{text}");
-        let Ok(Described::Fleet(teams)) = load_any(&Source { name: "a.toml", text: &text }, &[]) else {
-            panic!("a fleet")
-        };
-        Intents::new(&teams[1].scenario).unwrap()
+        let fleet = load_any(&Source { name: "a.toml", text: &text }, &[]).unwrap();
+        Intents::new(&fleet.all()[1].scenario).unwrap()
     }
 
     fn received(occupied: Area, wanted: Option<Area>, at_s: f64) -> ReceivedIntent {

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleName;
 use skein_common::math;
-use skein_common::scenario::{Described, Loaded, Scenario, Target};
+use skein_common::scenario::{Loaded, Scenario, Target};
 use skein_common::topic::Cell;
 use skein_core::formation;
 
@@ -35,15 +35,6 @@ pub fn check_size(teams: &[Loaded]) -> Result<(), TooManyAgents> {
     let vehicles = teams.iter().map(|team| team.scenario.swarm.vehicles).sum();
     let is_fleet = teams.iter().any(|team| team.scenario.team.is_some());
     if is_fleet && vehicles > MAX_AGENTS { Err(TooManyAgents(vehicles)) } else { Ok(()) }
-}
-
-/// The scenario of the swarm or team that this vehicle flies in; `None` if the scenario has no such team.
-pub fn swarm_of(name: VehicleName, described: Described) -> Option<Loaded> {
-    match (described, name.team) {
-        (Described::Swarm(loaded), None) => Some(*loaded),
-        (Described::Fleet(teams), Some(team)) => teams.into_iter().nth(usize::from(team.get()) - 1),
-        _ => None,
-    }
 }
 
 /// The vehicles that this one dials: those of its team and of the teams that may come near, with lower names, so that
@@ -118,15 +109,12 @@ impl Airspace {
 
 #[cfg(test)]
 mod tests {
-    use skein_common::scenario::{Described, Source, load_any};
+    use skein_common::scenario::{Source, load_any};
 
     use super::*;
 
     fn fleet(text: &str) -> Vec<Loaded> {
-        match load_any(&Source { name: "fleet.toml", text }, &[]).unwrap() {
-            Described::Fleet(teams) => teams,
-            Described::Swarm(_) => panic!("a fleet"),
-        }
+        load_any(&Source { name: "fleet.toml", text }, &[]).unwrap().all().to_vec()
     }
 
     fn dialled_by(fleet: &[Loaded], name: &str) -> Vec<String> {

@@ -26,14 +26,9 @@ pub const FLEET_KEYS: &[Key] = &[
         "rate at which the recording of a fleet has the places of all vehicles; 1 Hz keeps ten minutes of ten thousand vehicles below 200 MB"),
 ];
 
-/// What a file describes: one swarm, or a fleet of teams.
+/// What a file describes: the teams of a fleet by number, each with its place as origin; or one swarm, which is of no team.
 #[derive(Clone, Debug)]
-pub enum Described {
-    /// One swarm.
-    Swarm(Box<Loaded>),
-    /// The teams of a fleet, by number. Each scenario has its team's place as origin.
-    Fleet(Vec<Loaded>),
-}
+pub struct Described(Vec<Loaded>);
 
 impl Described {
     /// The swarm, or the first team of the fleet.
@@ -41,18 +36,22 @@ impl Described {
     /// # Panics
     /// Never: a fleet has at least one team.
     pub fn first(&self) -> &Loaded {
-        match self {
-            Self::Swarm(loaded) => loaded,
-            Self::Fleet(teams) => &teams[0],
-        }
+        &self.0[0]
     }
 
     /// The swarm, or the teams of the fleet in order.
     pub fn all(&self) -> &[Loaded] {
-        match self {
-            Self::Swarm(loaded) => std::slice::from_ref(loaded),
-            Self::Fleet(teams) => teams,
-        }
+        &self.0
+    }
+
+    /// Takes the swarm, or the team with this number, out of it; `None` if the file describes no such team.
+    pub fn into_team(self, team: Option<TeamId>) -> Option<Loaded> {
+        self.0.into_iter().find(|loaded| loaded.scenario.team.map(|own| own.id) == team)
+    }
+
+    /// Whether it is a fleet, of one team or more.
+    pub fn is_fleet(&self) -> bool {
+        self.first().scenario.team.is_some()
     }
 
     /// The seed that the file gives: that of the swarm, or of the fleet.
@@ -64,15 +63,12 @@ impl Described {
     /// The complete file, as [`Loaded::to_toml`]. That of a fleet has the values of team 1 for all teams, and what differs
     /// in `[[team]]` tables.
     pub fn to_toml(&self) -> String {
-        match self {
-            Self::Swarm(loaded) => loaded.to_toml(),
-            Self::Fleet(teams) => fleet_to_toml(teams),
-        }
+        if self.is_fleet() { fleet_to_toml(self.first(), &self.0) } else { self.first().to_toml() }
     }
 }
 
 /// The complete file of a fleet.
-fn fleet_to_toml(teams: &[Loaded]) -> String {
+fn fleet_to_toml(first: &Loaded, teams: &[Loaded]) -> String {
     let written = |team: &Loaded| {
         let mut team = team.clone();
         if let Some(TeamInFleet { origin, seed, .. }) = team.scenario.team {
@@ -82,7 +78,7 @@ fn fleet_to_toml(teams: &[Loaded]) -> String {
         }
         team
     };
-    let Some(first) = teams.first().map(written) else { return String::new() };
+    let first = written(first);
     let places: Vec<String> = teams
         .iter()
         .filter_map(|team| team.scenario.team)
@@ -127,7 +123,7 @@ pub fn load_any(source: &Source<'_>, sets: &[String]) -> Result<Described, Scena
     whole.check_kind(&root)?;
     let texts = Texts { part: Part::Common, ..whole };
     let Some(file) = FleetFile::take(&texts, &mut root)? else {
-        return finish(&whole, root).map(|loaded| Described::Swarm(Box::new(loaded)));
+        return finish(&whole, root).map(|loaded| Described(vec![loaded]));
     };
     let places = file.places(&texts)?;
     let record_hz = file.number("fleet.record_hz").unwrap_or(1.0);
@@ -167,7 +163,7 @@ pub fn load_any(source: &Source<'_>, sets: &[String]) -> Result<Described, Scena
         scenario.team = Some(TeamInFleet { id, teams, place_ne_m, origin, seed: written_seed, record_hz, is_recorded });
         Ok(loaded)
     });
-    teams.collect::<Result<_, _>>().map(Described::Fleet)
+    teams.collect::<Result<_, _>>().map(Described)
 }
 
 /// The part of a file that is about the fleet.

@@ -1,4 +1,4 @@
-//! What a check found, line by line, each fault with its remedy; and tables of such lines.
+//! The findings of a check, line by line, each fault with its remedy; and tables of such lines.
 
 use comfy_table::{CellAlignment, ContentArrangement, Table, presets};
 use serde::Serialize;

@@ -2,13 +2,18 @@
 //! than Unix each has a simple alternative or reports that it is unsupported.
 
 use ring::rand::{SecureRandom, SystemRandom};
-use std::fs::{self, File};
+use std::fs;
 use std::io;
-use std::path::Path;
-use std::process::{Child, Command, ExitStatus};
+use std::process::ExitStatus;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+pub use imp::{
+    Notifications, ask_to_end, become_program, check_own_folder, cpu_s, free_bytes, freeze, is_file_at, is_private,
+    is_root, is_running, kill, leave_session, make_private, mode, most_open_files, open_own, private_folder,
+    report_file_size_limit, set_mode, symlink, uptime_s, user_name,
+};
+use skein_lab::error::Error;
 use tokio::runtime::Runtime;
 
 /// Counts the requests to end this process.
@@ -24,11 +29,12 @@ impl Interrupts {
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn listen() -> io::Result<Self> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-        let count = Arc::new(AtomicU32::new(0));
+    pub fn listen() -> Result<Self, Error> {
+        let failed = |error: io::Error| Error::Failed(format!("signals: {error}"));
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
+        let (runtime, count) = (runtime.map_err(failed)?, Arc::new(AtomicU32::new(0)));
         let _inside = runtime.enter();
-        imp::on_interrupt(&count)?;
+        imp::on_interrupt(&count).map_err(failed)?;
         Ok(Self { count, _runtime: runtime })
     }
 
@@ -41,13 +47,6 @@ impl Interrupts {
     pub fn add(&self) {
         self.count.fetch_add(1, Relaxed);
     }
-}
-
-/// Makes a write beyond the size limit of files (`ulimit -f`) an error, as on a full disk, instead of the end of this process.
-/// The programs that it starts are not affected.
-pub fn report_file_size_limit() {
-    // Without this the system ends the process; it flies all the same.
-    let _ = imp::report_file_size_limit();
 }
 
 /// Describes how a process ended: its exit status or its signal.
@@ -74,48 +73,6 @@ pub fn cores() -> usize {
 /// Whether this system can freeze processes.
 pub const CAN_FREEZE: bool = cfg!(unix);
 
-/// Freezes a child process (SIGSTOP), or resumes it (SIGCONT).
-///
-/// # Errors
-/// If the system cannot do it, or the child has ended.
-pub fn freeze(child: &Child, frozen: bool) -> io::Result<()> {
-    imp::freeze(child, frozen)
-}
-
-/// Creates a private folder (mode 700), or checks that an existing one is private.
-///
-/// # Errors
-/// If the folder cannot be created, belongs to another user, or others can write to it.
-pub fn private_folder(path: &Path) -> io::Result<()> {
-    imp::private_folder(path)
-}
-
-/// Checks that only this user can have put files into a folder: it belongs to this user, is not a link, and no other
-/// user can write to it.
-///
-/// # Errors
-/// If it does not exist, or another user owns it or can write to it.
-pub fn check_own_folder(path: &Path) -> io::Result<()> {
-    imp::check_own_folder(path)
-}
-
-/// Opens a file that only this user can have written: it belongs to this user, is not a link, and no other user can
-/// write to it.
-///
-/// # Errors
-/// If it does not exist, or another user owns it or can write to it.
-pub fn open_own(path: &Path) -> io::Result<File> {
-    imp::open_own(path)
-}
-
-/// Whether only its owner can access this file or folder.
-///
-/// # Errors
-/// If it does not exist or cannot be read.
-pub fn is_private(path: &Path) -> io::Result<bool> {
-    imp::is_private(path)
-}
-
 /// A random number that no other program can guess or draw again.
 pub fn random() -> u64 {
     let mut bytes = [0; 8];
@@ -126,129 +83,10 @@ pub fn random() -> u64 {
     }
 }
 
-/// The user's name or number, for use in file names.
-pub fn user_name() -> String {
-    imp::user_name()
-}
-
-/// Whether this process runs as the system's administrator.
-pub fn is_root() -> bool {
-    imp::is_root()
-}
-
-/// Creates this folder and its missing parents, with access for this user only.
-///
-/// # Errors
-/// If the system refuses.
-pub fn make_private(path: &Path) -> io::Result<()> {
-    imp::make_private(path)
-}
-
-/// Sets the mode of a file: the lowest nine bits.
-///
-/// # Errors
-/// If the system refuses.
-pub fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
-    imp::set_mode(path, mode)
-}
-
-/// The mode of a file: the lowest nine bits.
-///
-/// # Errors
-/// If the file does not exist, or the system has no modes.
-pub fn mode(path: &Path) -> io::Result<u32> {
-    imp::mode(path)
-}
-
-/// Creates a symbolic link with exactly this target, relative or absolute.
-///
-/// # Errors
-/// If `link` exists already, or the system has no symbolic links.
-pub fn symlink(to: &Path, link: &Path) -> io::Result<()> {
-    imp::symlink(to, link)
-}
-
-/// Whether this open file is still the file at this path.
-pub fn is_file_at(file: &File, path: &Path) -> bool {
-    imp::is_file_at(file, path)
-}
-
-/// Free space for this user in the file system of a path, bytes.
-///
-/// # Errors
-/// If the path does not exist.
-pub fn free_bytes(path: &Path) -> io::Result<u64> {
-    imp::free_bytes(path)
-}
-
-/// Number of files that this process may have open; `None` if there is no limit.
-///
-/// # Errors
-/// If the system does not report it.
-pub fn most_open_files() -> io::Result<Option<u64>> {
-    imp::most_open_files()
-}
-
-/// Whether a process with this id is running.
-pub fn is_running(pid: u32) -> bool {
-    imp::is_running(pid)
-}
-
-/// Asks a process to end (SIGTERM).
-pub fn ask_to_end(pid: u32) {
-    imp::ask_to_end(pid);
-}
-
-/// Kills a process at once (SIGKILL).
-pub fn kill(pid: u32) {
-    imp::kill(pid);
-}
-
-/// Leaves the session that started this process, so that the session's end does not end it.
-pub fn leave_session() {
-    imp::leave_session();
-}
-
-/// Replaces this process with another program under the same id. Returns only if that fails.
-pub fn become_program(command: &mut Command) -> io::Error {
-    imp::become_program(command)
-}
-
-/// Time on a clock that all processes of this host share and that cannot be set, s.
-pub fn uptime_s() -> f64 {
-    imp::uptime_s()
-}
-
-/// A socket on which a process that this one has started reports that it works, as systemd's services do: it sends
-/// `READY=1`, and then regularly `WATCHDOG=1`, to the path in its variable `NOTIFY_SOCKET`.
-#[derive(Debug)]
-pub struct Notifications(imp::Notifications);
-
-impl Notifications {
-    /// Opens the socket in a folder that only this user can enter. What an earlier process left there is replaced.
-    ///
-    /// # Errors
-    /// If the path is too long for a socket (108 bytes on Linux), or the system does not support it.
-    pub fn listen(path: &Path) -> io::Result<Self> {
-        imp::Notifications::listen(path).map(Self)
-    }
-
-    /// Whether a report has arrived since the last call. Never waits.
-    pub fn take(&self) -> bool {
-        self.0.take()
-    }
-}
-
 /// Identifies the present boot of this host; `None` where the system does not name it.
 pub fn boot() -> Option<String> {
     // This file exists only on Linux.
     Some(fs::read_to_string("/proc/sys/kernel/random/boot_id").ok()?.trim().to_owned())
-}
-
-/// Processor time that this process has used so far, all its threads together, s; `None` where the system does not
-/// report it.
-pub fn cpu_s() -> Option<f64> {
-    imp::cpu_s()
 }
 
 #[cfg(unix)]
@@ -280,22 +118,33 @@ mod imp {
         Ok(())
     }
 
-    pub(super) fn report_file_size_limit() -> io::Result<()> {
-        // A caught signal lets the write fail; the listener stays after its runtime has ended.
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
+    /// Makes a write beyond the size limit of files (`ulimit -f`) an error, as on a full disk, instead of the end of this process.
+    /// The programs that it starts are not affected.
+    pub fn report_file_size_limit() {
+        // Without a runtime the system ends the process; it flies all the same.
+        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_io().build() else { return };
         let _inside = runtime.enter();
-        tokio::signal::unix::signal(SignalKind::from_raw(Signal::XFSZ.as_raw())).map(drop)
+        // A caught signal lets the write fail; the listener stays after its runtime has ended.
+        let _ = tokio::signal::unix::signal(SignalKind::from_raw(Signal::XFSZ.as_raw()));
     }
 
     pub(super) fn signal(status: ExitStatus) -> Option<i32> {
         status.signal()
     }
 
-    pub(super) fn freeze(child: &Child, frozen: bool) -> io::Result<()> {
+    /// Freezes a child process (SIGSTOP), or resumes it (SIGCONT).
+    ///
+    /// # Errors
+    /// If the system cannot do it, or the child has ended.
+    pub fn freeze(child: &Child, frozen: bool) -> io::Result<()> {
         Ok(kill_process(Pid::from_child(child), if frozen { Signal::STOP } else { Signal::CONT })?)
     }
 
-    pub(super) fn private_folder(path: &Path) -> io::Result<()> {
+    /// Creates a private folder (mode 700), or checks that an existing one is private.
+    ///
+    /// # Errors
+    /// If the folder cannot be created, belongs to another user, or others can write to it.
+    pub fn private_folder(path: &Path) -> io::Result<()> {
         if let Some(parent) = path.parent() {
             fs::create_dir_all(parent).map_err(|error| at_owned(path, error))?;
         }
@@ -306,12 +155,22 @@ mod imp {
         check_own_folder(path)
     }
 
-    pub(super) fn check_own_folder(path: &Path) -> io::Result<()> {
+    /// Checks that only this user can have put files into a folder: it belongs to this user, is not a link, and no other
+    /// user can write to it.
+    ///
+    /// # Errors
+    /// If it does not exist, or another user owns it or can write to it.
+    pub fn check_own_folder(path: &Path) -> io::Result<()> {
         let found = fs::symlink_metadata(path).map_err(|error| at_owned(path, error))?;
         if found.is_dir() { check_own(path, &found) } else { Err(not_own(path, "is not a folder")) }
     }
 
-    pub(super) fn open_own(path: &Path) -> io::Result<File> {
+    /// Opens a file that only this user can have written: it belongs to this user, is not a link, and no other user can
+    /// write to it.
+    ///
+    /// # Errors
+    /// If it does not exist, or another user owns it or can write to it.
+    pub fn open_own(path: &Path) -> io::Result<File> {
         // Do not block on a pipe or a device at this path, and do not follow a link.
         let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK;
         let file = OpenOptions::new().read(true).custom_flags(flags.bits().cast_signed()).open(path);
@@ -356,40 +215,67 @@ mod imp {
         io::Error::new(io::ErrorKind::PermissionDenied, sentence)
     }
 
-    pub(super) fn is_private(path: &Path) -> io::Result<bool> {
+    /// Whether only its owner can access this file or folder.
+    ///
+    /// # Errors
+    /// If it does not exist or cannot be read.
+    pub fn is_private(path: &Path) -> io::Result<bool> {
         Ok(fs::metadata(path)?.mode() & 0o077 == 0)
     }
 
-    pub(super) fn user_name() -> String {
+    /// The user's name or number, for use in file names.
+    pub fn user_name() -> String {
         rustix::process::getuid().as_raw().to_string()
     }
 
-    pub(super) fn is_root() -> bool {
+    /// Whether this process runs as the system's administrator.
+    pub fn is_root() -> bool {
         rustix::process::geteuid().is_root()
     }
 
-    pub(super) fn make_private(path: &Path) -> io::Result<()> {
+    /// Creates this folder and its missing parents, with access for this user only.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn make_private(path: &Path) -> io::Result<()> {
         fs::DirBuilder::new().recursive(true).mode(0o700).create(path)
     }
 
-    pub(super) fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
+    /// Sets the mode of a file: the lowest nine bits.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn set_mode(path: &Path, mode: u32) -> io::Result<()> {
         fs::set_permissions(path, fs::Permissions::from_mode(mode))
     }
 
-    pub(super) fn mode(path: &Path) -> io::Result<u32> {
+    /// The mode of a file: the lowest nine bits.
+    ///
+    /// # Errors
+    /// If the file does not exist, or the system has no modes.
+    pub fn mode(path: &Path) -> io::Result<u32> {
         Ok(fs::metadata(path)?.mode() & 0o777)
     }
 
-    pub(super) fn symlink(to: &Path, link: &Path) -> io::Result<()> {
+    /// Creates a symbolic link with exactly this target, relative or absolute.
+    ///
+    /// # Errors
+    /// If `link` exists already, or the system has no symbolic links.
+    pub fn symlink(to: &Path, link: &Path) -> io::Result<()> {
         std::os::unix::fs::symlink(to, link)
     }
 
-    pub(super) fn is_file_at(file: &File, path: &Path) -> bool {
+    /// Whether this open file is still the file at this path.
+    pub fn is_file_at(file: &File, path: &Path) -> bool {
         let both = file.metadata().and_then(|open| Ok((open, fs::metadata(path)?)));
         both.is_ok_and(|(open, there)| (open.dev(), open.ino()) == (there.dev(), there.ino()))
     }
 
-    pub(super) fn free_bytes(path: &Path) -> io::Result<u64> {
+    /// Free space for this user in the file system of a path, bytes.
+    ///
+    /// # Errors
+    /// If the path does not exist.
+    pub fn free_bytes(path: &Path) -> io::Result<u64> {
         let found = rustix::fs::statvfs(path)?;
         Ok(found.f_bavail.saturating_mul(found.f_frsize))
     }
@@ -398,38 +284,53 @@ mod imp {
         i32::try_from(pid).ok().and_then(Pid::from_raw)
     }
 
-    pub(super) fn most_open_files() -> io::Result<Option<u64>> {
+    /// Number of files that this process may have open; `None` if there is no limit.
+    ///
+    /// # Errors
+    /// If the system does not report it.
+    pub fn most_open_files() -> io::Result<Option<u64>> {
         Ok(rustix::process::getrlimit(rustix::process::Resource::Nofile).current)
     }
 
-    pub(super) fn is_running(pid: u32) -> bool {
+    /// Whether a process with this id is running.
+    pub fn is_running(pid: u32) -> bool {
         // Another user's process cannot be signalled, but it is running.
         let tested = process(pid).map(test_kill_process);
         matches!(tested, Some(Ok(()) | Err(rustix::io::Errno::PERM)))
     }
 
-    pub(super) fn ask_to_end(pid: u32) {
+    /// Asks a process to end (SIGTERM).
+    pub fn ask_to_end(pid: u32) {
         let _ = process(pid).map(|pid| kill_process(pid, Signal::TERM));
     }
 
-    pub(super) fn kill(pid: u32) {
+    /// Kills a process at once (SIGKILL).
+    pub fn kill(pid: u32) {
         let _ = process(pid).map(|pid| kill_process(pid, Signal::KILL));
     }
 
-    pub(super) fn leave_session() {
+    /// Leaves the session that started this process, so that the session's end does not end it.
+    pub fn leave_session() {
         // This fails for the leader of a process group, which has no session to leave.
         let _ = rustix::process::setsid();
     }
 
-    pub(super) fn become_program(command: &mut Command) -> io::Error {
+    /// Replaces this process with another program under the same id. Returns only if that fails.
+    pub fn become_program(command: &mut Command) -> io::Error {
         command.exec()
     }
 
+    /// A socket on which a process that this one has started reports that it works, as systemd's services do: it sends
+    /// `READY=1`, and then regularly `WATCHDOG=1`, to the path in its variable `NOTIFY_SOCKET`.
     #[derive(Debug)]
-    pub(super) struct Notifications(UnixDatagram);
+    pub struct Notifications(UnixDatagram);
 
     impl Notifications {
-        pub(super) fn listen(path: &Path) -> io::Result<Self> {
+        /// Opens the socket in a folder that only this user can enter. What an earlier process left there is replaced.
+        ///
+        /// # Errors
+        /// If the path is too long for a socket (108 bytes on Linux), or the system does not support it.
+        pub fn listen(path: &Path) -> io::Result<Self> {
             match fs::remove_file(path) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
                 _ => {}
@@ -439,7 +340,8 @@ mod imp {
             Ok(Self(socket))
         }
 
-        pub(super) fn take(&self) -> bool {
+        /// Whether a report has arrived since the last call. Never waits.
+        pub fn take(&self) -> bool {
             let mut has_arrived = false;
             let mut text = [0; 256];
             while self.0.recv(&mut text).is_ok() {
@@ -449,12 +351,15 @@ mod imp {
         }
     }
 
-    pub(super) fn uptime_s() -> f64 {
+    /// Time on a clock that all processes of this host share and that cannot be set, s.
+    pub fn uptime_s() -> f64 {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
         time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
     }
 
-    pub(super) fn cpu_s() -> Option<f64> {
+    /// Processor time that this process has used so far, all its threads together, s; `None` where the system does not
+    /// report it.
+    pub fn cpu_s() -> Option<f64> {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
         Some(time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9)
     }
@@ -462,6 +367,8 @@ mod imp {
 
 #[cfg(not(unix))]
 mod imp {
+    #![allow(missing_docs, reason = "documented for Unix above")]
+
     use std::fs::File;
     use std::io;
     use std::path::Path;
@@ -469,9 +376,7 @@ mod imp {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-    pub(super) fn report_file_size_limit() -> io::Result<()> {
-        Ok(())
-    }
+    pub fn report_file_size_limit() {}
 
     pub(super) fn on_interrupt(count: &Arc<AtomicU32>) -> io::Result<()> {
         let count = count.clone();
@@ -487,95 +392,95 @@ mod imp {
         None
     }
 
-    pub(super) fn freeze(_child: &Child, _frozen: bool) -> io::Result<()> {
+    pub fn freeze(_child: &Child, _frozen: bool) -> io::Result<()> {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    pub(super) fn private_folder(path: &Path) -> io::Result<()> {
+    pub fn private_folder(path: &Path) -> io::Result<()> {
         std::fs::create_dir_all(path)
     }
 
-    pub(super) fn check_own_folder(path: &Path) -> io::Result<()> {
+    pub fn check_own_folder(path: &Path) -> io::Result<()> {
         std::fs::metadata(path).map(drop)
     }
 
-    pub(super) fn open_own(path: &Path) -> io::Result<File> {
+    pub fn open_own(path: &Path) -> io::Result<File> {
         File::open(path)
     }
 
-    pub(super) fn is_private(path: &Path) -> io::Result<bool> {
+    pub fn is_private(path: &Path) -> io::Result<bool> {
         std::fs::metadata(path).map(|_| true)
     }
 
-    pub(super) fn user_name() -> String {
+    pub fn user_name() -> String {
         let name = std::env::var("USERNAME").unwrap_or_default();
         name.chars().filter(char::is_ascii_alphanumeric).collect()
     }
 
-    pub(super) fn is_root() -> bool {
+    pub fn is_root() -> bool {
         false
     }
 
-    pub(super) fn make_private(path: &Path) -> io::Result<()> {
+    pub fn make_private(path: &Path) -> io::Result<()> {
         std::fs::create_dir_all(path)
     }
 
-    pub(super) fn set_mode(_path: &Path, _mode: u32) -> io::Result<()> {
+    pub fn set_mode(_path: &Path, _mode: u32) -> io::Result<()> {
         Ok(())
     }
 
-    pub(super) fn mode(_path: &Path) -> io::Result<u32> {
+    pub fn mode(_path: &Path) -> io::Result<u32> {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    pub(super) fn symlink(_to: &Path, _link: &Path) -> io::Result<()> {
+    pub fn symlink(_to: &Path, _link: &Path) -> io::Result<()> {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    pub(super) fn is_file_at(_file: &File, _path: &Path) -> bool {
+    pub fn is_file_at(_file: &File, _path: &Path) -> bool {
         true
     }
 
-    pub(super) fn free_bytes(_path: &Path) -> io::Result<u64> {
+    pub fn free_bytes(_path: &Path) -> io::Result<u64> {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    pub(super) fn most_open_files() -> io::Result<Option<u64>> {
+    pub fn most_open_files() -> io::Result<Option<u64>> {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    pub(super) fn is_running(_pid: u32) -> bool {
+    pub fn is_running(_pid: u32) -> bool {
         false
     }
 
-    pub(super) fn ask_to_end(_pid: u32) {}
+    pub fn ask_to_end(_pid: u32) {}
 
-    pub(super) fn kill(_pid: u32) {}
+    pub fn kill(_pid: u32) {}
 
-    pub(super) fn leave_session() {}
+    pub fn leave_session() {}
 
-    pub(super) fn become_program(_command: &mut Command) -> io::Error {
+    pub fn become_program(_command: &mut Command) -> io::Error {
         io::ErrorKind::Unsupported.into()
     }
 
     #[derive(Debug)]
-    pub(super) struct Notifications;
+    pub struct Notifications;
 
     impl Notifications {
-        pub(super) fn listen(_path: &Path) -> io::Result<Self> {
+        pub fn listen(_path: &Path) -> io::Result<Self> {
             Err(io::ErrorKind::Unsupported.into())
         }
 
-        pub(super) fn take(&self) -> bool {
+        pub fn take(&self) -> bool {
             false
         }
     }
 
-    pub(super) fn uptime_s() -> f64 {
+    pub fn uptime_s() -> f64 {
         0.0
     }
 
-    pub(super) fn cpu_s() -> Option<f64> {
+    pub fn cpu_s() -> Option<f64> {
         None
     }
 }

@@ -24,7 +24,7 @@ use skein_lab::terminal;
 
 use crate::findings::{Line, State, as_table, verdict};
 use crate::ports::HostPort;
-use crate::simulators::survey::{SILENT, Surveyor};
+use crate::simulators::survey::{ACF, SILENT, Surveyor};
 use crate::simulators::web::{WebApi, WebChoice, WebError};
 pub use setup::{SETUP, compared as setup_compared};
 pub use weather::{WIND_NOW, compared, local};
@@ -63,7 +63,6 @@ const NEAR_M: f64 = 30.0;
 const WATCHED: Duration = Duration::from_secs(1);
 /// Interval between two looks whether a flight is still wanted.
 const LOOK: Duration = Duration::from_millis(100);
-const ACF: &str = "sim/aircraft/view/acf_relative_path";
 
 /// Places the aircraft, sets the weather, and prints what the simulator's state then says.
 ///
@@ -161,7 +160,8 @@ fn placed(
     };
     let flights = web.as_ref().filter(|web| web.starts_flights());
     let start = start(found.position.as_ref());
-    let scenario = &local(scenario, &start.as_ref().map_or_else(|| here(scenario, found.position.as_ref()), geodetic));
+    let at = start.as_ref().map_or_else(|| here(scenario, found.position.as_ref()), geodetic);
+    let scenario = &local(scenario, &at);
     let reply = match start {
         Some(start) => {
             let put = put(surveyor, flights, scenario, start, found.position.as_ref())?;
@@ -171,14 +171,15 @@ fn placed(
             }
             None
         }
-        None => flights.and_then(|web| web.change_flight(&changed(web, scenario, found.position.as_ref())).err()),
+        // The aircraft is left alone.
+        None => flights.and_then(|web| web.change_flight(&surroundings(web, scenario, &at).into()).err()),
     };
     lines.extend(reply.map(|error| Line::new(&place, "web API", format!("its reply: {error}")).unknown()));
     // Whether the Web API has set the weather is read from the air.
-    if flights.is_none() || !weather::is_followed(surveyor, scenario)? {
+    if flights.is_none() || !weather::settled(surveyor, scenario)?.1 {
         weather::set(surveyor, scenario)?;
     }
-    lines.extend(weather::followed(&place, surveyor, scenario)?);
+    lines.extend(compared(&place, &weather::settled(surveyor, scenario)?.0, scenario));
     lines.extend(setup::followed(&place, surveyor, scenario)?);
     Ok(lines)
 }
@@ -234,7 +235,7 @@ fn flight(web: &WebApi, path: &str, scenario: &Scenario, start: &Placement) -> V
     flight.into()
 }
 
-/// What makes an aircraft on the ground there ready for the scenario: engines, failures, weight, weather and time.
+/// The part of a flight that makes an aircraft on the ground there ready for the scenario: engines, failures, weight, weather and time.
 fn prepared(web: &WebApi, scenario: &Scenario, place: &Geodetic) -> Map<String, Value> {
     let failures = match scenario.plant.random_failures {
         // What X-Plane's own settings say about them remains.
@@ -255,13 +256,8 @@ fn surroundings(web: &WebApi, scenario: &Scenario, place: &Geodetic) -> Map<Stri
     flight
 }
 
-/// A change of a flight that leaves its aircraft alone.
-fn changed(web: &WebApi, scenario: &Scenario, found: Option<&Position>) -> Value {
-    surroundings(web, scenario, &here(scenario, found)).into()
-}
-
 /// Where the aircraft is; the scenario's origin if that is unknown.
-fn here(scenario: &Scenario, found: Option<&Position>) -> Geodetic {
+pub fn here(scenario: &Scenario, found: Option<&Position>) -> Geodetic {
     let place = |found: &Position| Geodetic::from_degrees(found.latitude_deg, found.longitude_deg, found.elevation_m);
     found.map_or_else(|| scenario.origin.geodetic(), place)
 }

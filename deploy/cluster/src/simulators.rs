@@ -5,14 +5,15 @@ pub mod reset;
 pub mod survey;
 pub mod web;
 
+use std::collections::BTreeMap;
 use std::net::ToSocketAddrs;
-use std::thread;
 
 use skein_agent::plant::xplane::wire;
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 
 use crate::ports::{self, HostPort};
+use skein_host::parallel::at_once;
 use skein_lab::error::Error;
 
 /// Returns HOST:PORT of each vehicle's X-Plane, in the order of ids: from the command line, else from the scenario,
@@ -33,10 +34,8 @@ pub fn addresses(scenario: &Scenario, named: &[HostPort]) -> Result<Vec<String>,
         [] => {
             let here = HostPort { host: "127.0.0.1".to_owned(), port: wire::PORT };
             let own = |id| scenario.vehicle(id).and_then(|vehicle| vehicle.xplane.clone());
-            scenario
-                .ids()
-                .map(|id| own(id).map_or_else(|| in_a_row(&here, id), Ok))
-                .collect::<Result<Vec<_>, Error>>()?
+            let each = scenario.ids().map(|id| own(id).map_or_else(|| in_a_row(&here, id), Ok));
+            each.collect::<Result<Vec<_>, Error>>()?
         }
         [first] => scenario.ids().map(|id| in_a_row(first, id)).collect::<Result<Vec<_>, Error>>()?,
         named if named.len() == vehicles => named.iter().map(HostPort::to_string).collect(),
@@ -47,13 +46,13 @@ pub fn addresses(scenario: &Scenario, named: &[HostPort]) -> Result<Vec<String>,
             )));
         }
     };
-    let with_ids: Vec<_> = scenario.ids().zip(&addresses).collect();
-    let mut pairs =
-        with_ids.iter().enumerate().flat_map(|(nth, one)| with_ids[..nth].iter().map(move |other| (other, one)));
-    if let Some(((one, address), (other, _))) = pairs.find(|((_, one), (_, other))| one == other) {
-        return Err(Error::Refused(format!(
-            "X-Plane at {address}: vehicles {one} and {other} would share it; give each an X-Plane of its own"
-        )));
+    let mut users = BTreeMap::new();
+    for (id, address) in scenario.ids().zip(&addresses) {
+        if let Some(other) = users.insert(address, id) {
+            return Err(Error::Refused(format!(
+                "X-Plane at {address}: vehicles {other} and {id} would share it; give each an X-Plane of its own"
+            )));
+        }
     }
     for address in &addresses {
         address.to_socket_addrs().map_err(|error| Error::Refused(format!("X-Plane at {address}: {error}")))?;
@@ -74,19 +73,14 @@ pub fn ask(address: &str) -> Result<String, Error> {
 /// # Errors
 /// If any does not answer: the error of [`ask`] for each, one a line.
 pub fn ask_all(addresses: &[String]) -> Result<(), Error> {
-    let asking = addresses.iter().cloned().map(|address| thread::spawn(move || ask(&address)));
-    let asking: Vec<_> = asking.collect();
-    // A thread that panicked has printed the reason.
-    let answers = asking.into_iter().filter_map(|asking| asking.join().ok());
+    let answers = at_once(addresses.iter().map(|address| || ask(address))).into_iter();
     let silent: Vec<String> = answers.filter_map(Result::err).map(|error| error.to_string()).collect();
     if silent.is_empty() { Ok(()) } else { Err(Error::Failed(silent.join("\n"))) }
 }
 
 /// Whether at least one of these X-Planes answers.
 pub fn any_answers(addresses: &[String]) -> bool {
-    let asking: Vec<_> =
-        addresses.iter().cloned().map(|address| thread::spawn(move || ask(&address).is_ok())).collect();
-    asking.into_iter().any(|asking| asking.join().unwrap_or(false))
+    at_once(addresses.iter().map(|address| || ask(address).is_ok())).contains(&true)
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The errors that end a command: each is reported once, with the exit status that scripts rely on.
 
 use std::fmt;
+use std::io;
 use std::process::ExitCode;
 
 use miette::{Diagnostic, GraphicalReportHandler, LabeledSpan, NamedSource, SourceCode};
@@ -39,9 +40,9 @@ impl Error {
     /// A terminal that obeys escape sequences gets the line of the file with the error marked; a pipe gets one line:
     /// `file:line:column: message; help`.
     pub fn report(&self) -> ExitCode {
-        match self.drawn().filter(|_| crate::terminal::obeys_escapes(&std::io::stderr())) {
+        match self.drawn().filter(|_| crate::terminal::obeys_escapes(&io::stderr())) {
             Some(drawn) => eprint!("{drawn}"),
-            None => crate::terminal::complain(&with_remedy(self.to_string())),
+            None => crate::terminal::complain(&self.to_string()),
         }
         self.exit_code().into()
     }
@@ -57,12 +58,13 @@ impl Error {
     }
 }
 
-/// Adds the remedy for a limit on file sizes, which any command that writes can meet.
-fn with_remedy(message: String) -> String {
-    // EFBIG on Linux and macOS.
-    match message.contains("(os error 27)") && !message.contains("ulimit") {
-        true => format!("{message}; `ulimit -f unlimited` in this shell raises the limit on the sizes of files"),
-        false => message,
+/// The text of an error of writing, with the remedy for a limit on file sizes, which any command that writes can meet.
+pub fn of_writing(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::FileTooLarge => {
+            format!("{error}; `ulimit -f unlimited` in this shell raises the limit on the sizes of files")
+        }
+        _ => error.to_string(),
     }
 }
 
@@ -121,12 +123,10 @@ mod tests {
 
     #[test]
     fn a_limit_on_file_sizes_has_its_remedy() {
-        let text = with_remedy("run: File too large (os error 27)".to_owned());
-        assert!(
-            text.ends_with("; `ulimit -f unlimited` in this shell raises the limit on the sizes of files"),
-            "{text}"
-        );
-        assert_eq!(with_remedy(text.clone()), text);
+        let text = of_writing(&io::ErrorKind::FileTooLarge.into());
+        assert_eq!(text, "file too large; `ulimit -f unlimited` in this shell raises the limit on the sizes of files");
+        let other = io::Error::other("a text with (os error 27)");
+        assert_eq!(of_writing(&other), "a text with (os error 27)");
     }
 
     #[test]

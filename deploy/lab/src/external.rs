@@ -70,12 +70,17 @@ pub enum LawError {
     Local(VehicleId, String),
 }
 
+/// The kinds of faults of each vehicle's laws about which a warning was printed: once, however many sets of laws there are.
+type Warned = Arc<Mutex<BTreeSet<(VehicleId, usize)>>>;
+
 /// Sets of laws that wait for their next run.
 ///
 /// All clones share the same sets. The laws receive a bye when the last clone is dropped.
 #[derive(Clone, Debug, Default)]
 pub struct LawPool {
     programs: Arc<Mutex<Vec<Programs>>>,
+    /// Faults about which a warning was printed.
+    warned: Warned,
     /// How long a program may send nothing, if not for [`LAW_TIMEOUT`].
     timeout: Option<Duration>,
     /// Makes laws in this process, instead of programs.
@@ -114,7 +119,7 @@ impl LawPool {
         };
         let mut laws = match kept {
             Some(laws) => laws,
-            None => Programs::start(transport, scenario.ids())?,
+            None => Programs::start(transport, scenario.ids(), self.warned.clone())?,
         };
         let timeout = self.timeout.unwrap_or(LAW_TIMEOUT);
         laws.conversations.iter_mut().for_each(|conversation| conversation.timeout = timeout);
@@ -177,6 +182,7 @@ pub struct Programs {
     conversations: Vec<Conversation>,
     listener: Option<TcpListener>,
     hellos: Vec<Hello>,
+    warned: Warned,
     /// How long a law may send nothing.
     timeout: Duration,
     /// Whether each vehicle's agent has sent a query in this run.
@@ -196,15 +202,14 @@ struct Conversation {
     /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in
     /// place of the answer. In the second case the answer may still come.
     closed: BTreeSet<(VehicleId, u64)>,
-    /// Whether a warning about each kind of fault was printed.
-    warned: [bool; Fault::KINDS],
+    warned: Warned,
     /// Whether the agent has each kind of fault to report since the last hello, and the reasons that it has not got yet.
     refused: [bool; Fault::KINDS],
     refusals: Vec<ShortText>,
 }
 
 impl Programs {
-    fn start(transport: LawTransport, ids: impl Iterator<Item = VehicleId>) -> Result<Self, LawError> {
+    fn start(transport: LawTransport, ids: impl Iterator<Item = VehicleId>, warned: Warned) -> Result<Self, LawError> {
         let bind = |host: &str, port: u16| {
             let listener = TcpListener::bind((host, port));
             let listener = listener.and_then(|listener| listener.set_nonblocking(true).map(|()| listener));
@@ -217,6 +222,7 @@ impl Programs {
                 LawTransport::Command(_) | LawTransport::Udp { .. } => None,
             },
             hellos: Vec::new(),
+            warned,
             timeout: LAW_TIMEOUT,
             has_asked: ids.map(|id| (id, false)).collect(),
             transport,
@@ -246,7 +252,7 @@ impl Programs {
                 return Err(ExternalError::Transport(format!("one connection to {host} serves all vehicles")));
             }
         };
-        Ok(Conversation::new(vec![id], session, messages))
+        Ok(Conversation::new(vec![id], session, messages, self.warned.clone()))
     }
 
     /// Sends a hello for every vehicle before a run and waits until all laws are ready.
@@ -284,7 +290,8 @@ impl Programs {
         };
         let (sink, messages) = message_queue();
         let session = LawSession::connection(stream, sink).map_err(|error| ExternalError::Port(here, error))?;
-        Ok(Conversation::new(self.has_asked.keys().copied().collect(), session, messages))
+        let vehicles = self.has_asked.keys().copied().collect();
+        Ok(Conversation::new(vehicles, session, messages, self.warned.clone()))
     }
 
     /// As [`Laws::serve`].
@@ -334,7 +341,7 @@ fn message_queue() -> (impl Sink, Receiver<LawInput>) {
 }
 
 impl Conversation {
-    fn new(vehicles: Vec<VehicleId>, session: LawSession, messages: Receiver<LawInput>) -> Self {
+    fn new(vehicles: Vec<VehicleId>, session: LawSession, messages: Receiver<LawInput>, warned: Warned) -> Self {
         Self {
             vehicles,
             session,
@@ -342,7 +349,7 @@ impl Conversation {
             timeout: LAW_TIMEOUT,
             has_answered: false,
             closed: BTreeSet::new(),
-            warned: [false; Fault::KINDS],
+            warned,
             refused: [false; Fault::KINDS],
             refusals: Vec::new(),
         }
@@ -474,18 +481,21 @@ impl Conversation {
         }
     }
 
-    /// Keeps the first fault of each kind for the agent to report, and prints a warning about it if there was none yet in an
-    /// earlier run.
+    /// Keeps the first fault of each kind for the agent to report, and prints a warning about it if there was none yet in another
+    /// run.
     fn warn_once(&mut self, fault: &Fault) {
         if !std::mem::replace(&mut self.refused[fault.kind()], true) {
             self.refusals.push(ShortText::beginning_of(&fault.to_string()));
         }
-        if !std::mem::replace(&mut self.warned[fault.kind()], true) {
-            crate::terminal::complain(&format!(
-                "vehicle {}'s law: {fault}; more of the kind are only counted",
-                self.first_vehicle()
-            ));
+        if self.is_first_of_its_kind(fault) {
+            let vehicle = self.first_vehicle();
+            crate::terminal::complain(&format!("vehicle {vehicle}'s law: {fault}; more of the kind are only counted"));
         }
+    }
+
+    /// Notes the kind of this fault. Returns whether no law of this vehicle had such a fault before, in any run.
+    fn is_first_of_its_kind(&self, fault: &Fault) -> bool {
+        self.warned.lock().unwrap_or_else(PoisonError::into_inner).insert((self.first_vehicle(), fault.kind()))
     }
 
     fn ended(&mut self) -> LawError {

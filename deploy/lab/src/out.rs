@@ -2,10 +2,10 @@
 
 use std::env;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, Write};
+use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use crate::error::Error;
+use crate::error::{Error, of_writing};
 use skein_common::printable::printable;
 use skein_host::atomic_file::{self, Durability};
 use skein_host::clock;
@@ -25,7 +25,7 @@ pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
     };
     let out = std::path::absolute(&out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))?;
     let refused = |why: &str| Err(Error::Refused(format!("--out {}: {why}", out.display())));
-    let is_content = |entry: std::io::Result<fs::DirEntry>| entry.is_ok_and(|entry| entry.file_name() != CLAIM);
+    let is_content = |entry: io::Result<fs::DirEntry>| entry.is_ok_and(|entry| entry.file_name() != CLAIM);
     match fs::read_dir(&out).map(|mut entries| entries.any(is_content)) {
         Ok(true) => refused("the folder already contains files; choose another folder"),
         Ok(false) => Ok(out),
@@ -59,7 +59,7 @@ impl Drop for Claim {
 pub fn claim(out: &Path) -> Result<Claim, Error> {
     create(out)?;
     let path = out.join(CLAIM);
-    let failed = |error| Error::Failed(format!("{}: {error}", path.display()));
+    let failed = |error: io::Error| Error::Failed(format!("{}: {}", path.display(), of_writing(&error)));
     let mut file =
         OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(failed)?;
     match file.try_lock() {
@@ -94,7 +94,7 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Error> {
         path.parent().map_or(Ok(()), fs::create_dir_all)?;
         atomic_file::write(path, content.as_ref(), Durability::Atomic)
     };
-    written().map_err(|error| Error::Failed(format!("{}: {error}", path.display())))
+    written().map_err(|error| Error::Failed(format!("{}: {}", path.display(), of_writing(&error))))
 }
 
 /// Room on a disk for figures that are written at the end, so that a recording that fills the disk leaves it to them. It is

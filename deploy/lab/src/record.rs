@@ -50,6 +50,8 @@ use std::time::Duration;
 use mcap::McapError;
 use skein_common::scenario::ScenarioError;
 
+use crate::error::of_writing;
+
 pub use channels::{Channels, Sink};
 pub use csv::csv;
 pub(crate) use draft::Draft;
@@ -70,7 +72,7 @@ pub const FLUSH: Duration = Duration::from_millis(200);
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The operating system reported an error.
-    #[error("{path}: {error}", path = path.display())]
+    #[error("{path}: {error}", path = path.display(), error = of_writing(.error))]
     Io {
         /// The file.
         path: PathBuf,
@@ -147,7 +149,7 @@ impl RecordError {
 /// The text of the error; that of the operating system, if it caused the error.
 fn why(error: &McapError) -> String {
     match error {
-        McapError::Io(error) => error.to_string(),
+        McapError::Io(error) => of_writing(error),
         error => error.to_string(),
     }
 }

@@ -37,14 +37,10 @@ impl ScenarioArgs {
     /// # Errors
     /// The file cannot be read, or the file or a set is invalid.
     pub fn read(&self, more: Vec<String>) -> Result<Loaded, Error> {
-        match self.read_any(more)? {
-            Described::Swarm(loaded) => Ok(*loaded),
-            Described::Fleet(teams) => Err(Error::Refused(format!(
-                "{}: this is a fleet of {} teams; this command takes one swarm",
-                self.name(),
-                teams.len()
-            ))),
-        }
+        let described = self.read_any(more)?;
+        let teams = described.all().len();
+        let refused = || format!("{}: this is a fleet of {teams} teams; this command takes one swarm", self.name());
+        described.into_team(None).ok_or_else(|| Error::Refused(refused()))
     }
 
     /// Reads a scenario or a fleet, as [`Self::read`] does a scenario.
@@ -61,21 +57,13 @@ impl ScenarioArgs {
         };
         let described = load(&sets)?;
         let given = sets.len();
-        match &described {
-            Described::Swarm(loaded) => sets.extend(self.absolute_paths(&loaded.scenario)?),
-            Described::Fleet(teams) => {
-                let of_teams =
-                    teams.iter().map(|team| self.absolute_paths(&team.scenario)).collect::<Result<Vec<_>, _>>()?;
-                let are_equal = of_teams.windows(2).all(|two| two[0] == two[1]);
-                if are_equal {
-                    sets.extend(of_teams.into_iter().next().unwrap_or_default());
-                } else {
-                    let own = of_teams.into_iter().enumerate();
-                    sets.extend(
-                        own.flat_map(|(nth, sets)| sets.into_iter().map(move |set| format!("team.{}.{set}", nth + 1))),
-                    );
-                }
-            }
+        let of_teams = described.all().iter().map(|team| self.absolute_paths(&team.scenario));
+        let of_teams = of_teams.collect::<Result<Vec<_>, _>>()?;
+        if of_teams.windows(2).all(|two| two[0] == two[1]) {
+            sets.extend(of_teams.into_iter().next().unwrap_or_default());
+        } else {
+            let own = of_teams.into_iter().enumerate();
+            sets.extend(own.flat_map(|(nth, sets)| sets.into_iter().map(move |set| format!("team.{}.{set}", nth + 1))));
         }
         if sets.len() > given { load(&sets) } else { Ok(described) }
     }

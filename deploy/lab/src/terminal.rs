@@ -8,6 +8,8 @@ use comfy_table::Table;
 use serde::Serialize;
 use skein_common::printable::printable_lines;
 
+use crate::error::of_writing;
+
 /// Whether this stream is a terminal that obeys escape sequences. Programs that are not quite a terminal, such as a shell in an
 /// editor, name themselves by `TERM=dumb`; without a name a terminal of Unix is not known to obey.
 pub fn obeys_escapes(stream: &impl IsTerminal) -> bool {
@@ -90,7 +92,7 @@ pub(crate) fn note(written: io::Result<()>) {
         && error.kind() != ErrorKind::BrokenPipe
     {
         // An earlier error is the one to report.
-        let _ = LOST.set(error.to_string());
+        let _ = LOST.set(of_writing(&error));
     }
 }
 

@@ -35,71 +35,52 @@ pub struct Load {
 
 /// A communication scheme: how the vehicles' states are shared.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Scheme {
-    /// Datagrams to a central controller and back, each frame.
-    CentralDatagrams {
-        /// Name of the scheme.
-        name: &'static str,
-        /// Payload from each simulator, bytes.
-        inward_bytes: usize,
-        /// Payload of each datagram back, bytes.
-        outward_bytes: usize,
-        /// Number of datagrams back to each simulator, each frame.
-        outward_count: usize,
-    },
+pub struct Scheme {
+    /// Name of the scheme in tables and figures.
+    pub name: &'static str,
+    traffic: Traffic,
+}
+
+/// The messages of a scheme.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Traffic {
+    /// A datagram from each simulator to a central controller, and so many back, each frame; their payloads in bytes.
+    CentralDatagrams { inward_bytes: usize, outward_bytes: usize, outward_count: usize },
     /// Skein's own messages to a central controller and back, each frame.
     CentralZenoh,
-    /// Every vehicle's states to every other vehicle.
-    Mesh {
-        /// Name of the scheme, which states when states are sent.
-        name: &'static str,
-        /// States of one vehicle a second.
-        states_hz: f64,
-    },
+    /// The states of every vehicle to every other vehicle, so many of each a second.
+    Mesh(f64),
 }
 
 impl Scheme {
     /// All schemes, with the measurements. The schemes on need use the highest rate of states of all measured flights.
     pub fn all(measured: &Measured) -> Vec<Self> {
-        let data = Self::CentralDatagrams {
-            name: "central, X-Plane's rows in, two rows back",
-            inward_bytes: data_output_bytes(7),
-            outward_bytes: data_output_bytes(2),
-            outward_count: 1,
+        let central = |inward_bytes, outward_bytes, outward_count| Traffic::CentralDatagrams {
+            inward_bytes,
+            outward_bytes,
+            outward_count,
         };
-        let datarefs = Self::CentralDatagrams {
-            name: "central, RPOS in, four DREF back",
-            inward_bytes: rpos::SIZE,
-            outward_bytes: dref::SIZE,
-            outward_count: 4,
-        };
-        let every_frame = Self::Mesh { name: "mesh, every frame", states_hz: FRAME_HZ };
-        let on_need = Self::Mesh { name: "mesh, on need", states_hz: measured.states_hz() };
-        vec![data, datarefs, Self::CentralZenoh, every_frame, on_need]
-    }
-
-    /// Name of the scheme in tables and figures.
-    pub fn name(&self) -> String {
-        match self {
-            Self::CentralDatagrams { name, .. } | Self::Mesh { name, .. } => (*name).to_owned(),
-            Self::CentralZenoh => "central, states in, commands back over Zenoh".to_owned(),
-        }
+        let all = [
+            ("central, X-Plane's rows in, two rows back", central(data_output_bytes(7), data_output_bytes(2), 1)),
+            ("central, RPOS in, four DREF back", central(rpos::SIZE, dref::SIZE, 4)),
+            ("central, states in, commands back over Zenoh", Traffic::CentralZenoh),
+            ("mesh, every frame", Traffic::Mesh(FRAME_HZ)),
+            ("mesh, on need", Traffic::Mesh(measured.states_hz())),
+        ];
+        all.map(|(name, traffic)| Self { name, traffic }).to_vec()
     }
 
     /// Whether the scheme has a central controller.
     pub fn is_central(&self) -> bool {
-        match self {
-            Self::CentralDatagrams { .. } | Self::CentralZenoh => true,
-            Self::Mesh { .. } => false,
-        }
+        !matches!(self.traffic, Traffic::Mesh(_))
     }
 
     /// Calculates the load of `vehicles` vehicles.
     pub fn load(&self, measured: &Measured, vehicles: u32) -> Load {
         let count = f64::from(vehicles);
         let others = count - 1.0;
-        match *self {
-            Self::CentralDatagrams { inward_bytes, outward_bytes, outward_count, .. } => {
+        match self.traffic {
+            Traffic::CentralDatagrams { inward_bytes, outward_bytes, outward_count } => {
                 let (frames, back) = (count * FRAME_HZ, outward_count as f64);
                 let inward = frames * bits(of_datagram_bytes(inward_bytes));
                 let outward = frames * back * bits(of_datagram_bytes(outward_bytes));
@@ -108,7 +89,7 @@ impl Scheme {
                 let cores = cores(messages_us, steps_us(measured, count, others));
                 Load { port_bit_s: [inward, outward], cores, network_bit_s: inward + outward }
             }
-            Self::CentralZenoh => {
+            Traffic::CentralZenoh => {
                 let messages = count * FRAME_HZ;
                 let each_way = messages * message_bits(measured.state, FRAME_HZ);
                 // A command is assumed to cost as much as a state. The controller has one end of each message.
@@ -116,7 +97,7 @@ impl Scheme {
                 let cores = cores(messages_us, steps_us(measured, count, others));
                 Load { port_bit_s: [each_way; 2], cores, network_bit_s: 2.0 * each_way }
             }
-            Self::Mesh { states_hz, .. } => mesh(measured, count, states_hz),
+            Traffic::Mesh(states_hz) => mesh(measured, count, states_hz),
         }
     }
 
@@ -192,6 +173,10 @@ pub(super) mod tests {
         scheme.load(&measured(), vehicles)
     }
 
+    fn sending(traffic: Traffic, vehicles: u32) -> Load {
+        load(&Scheme { name: "", traffic }, vehicles)
+    }
+
     fn near(one: f64, other: f64) {
         assert!((one / other - 1.0).abs() < 1e-12, "{one}, not {other}");
     }
@@ -207,23 +192,23 @@ pub(super) mod tests {
         near(rows.cores.unwrap(), 10.0 * 50.0 * (2.0 + 6.0 + 2.0 + 0.5 * 9.0) * 1e-6);
         let datarefs = load(&schemes[1], 10);
         near(datarefs.port_bit_s[1], 10.0 * 50.0 * 4.0 * 575.0 * 8.0);
-        let messages = load(&Scheme::CentralZenoh, 10);
+        let messages = sending(Traffic::CentralZenoh, 10);
         near(messages.port_bit_s[0], 10.0 * 50.0 * 190.0 * 8.0);
         near(messages.cores.unwrap(), 10.0 * 50.0 * (40.0 + 2.0 + 0.5 * 9.0) * 1e-6);
     }
 
     #[test]
     fn in_a_mesh_each_vehicle_receives_all_others_and_the_network_carries_all_pairs() {
-        let every_frame = Scheme::Mesh { name: "", states_hz: 50.0 };
-        let ten = load(&every_frame, 10);
+        let every_frame = Traffic::Mesh(50.0);
+        let ten = sending(every_frame, 10);
         // Nine others, each with fifty states and five heartbeats that acknowledge each other.
         near(ten.port_bit_s[0], 9.0 * (50.0 * 190.0 + 5.0 * 150.0) * 8.0);
         near(ten.network_bit_s, 10.0 * ten.port_bit_s[0]);
         near(ten.cores.unwrap(), (9.0 * 55.0 * 40.0 + 50.0 * (2.0 + 0.5 * 9.0)) * 1e-6);
-        let on_need = load(&Scheme::Mesh { name: "", states_hz: 5.0 }, 10);
+        let on_need = sending(Traffic::Mesh(5.0), 10);
         // So rare that every message is acknowledged by a frame of its own.
         near(on_need.port_bit_s[0], 9.0 * 5.0 * (190.0 + 90.0 + 150.0 + 90.0) * 8.0);
-        near(load(&every_frame, 1).port_bit_s[0] + 1.0, 1.0);
+        near(sending(every_frame, 1).port_bit_s[0] + 1.0, 1.0);
     }
 
     #[test]

@@ -50,10 +50,10 @@ impl Received {
     }
 }
 
-/// What the vehicles of a fleet received in a flight.
+/// The messages that the vehicles of a fleet received in a flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FlownFleet {
-    /// What was flown, and for how long.
+    /// Name and duration of the flight.
     pub flight: String,
     /// Number of vehicles.
     pub vehicles: usize,

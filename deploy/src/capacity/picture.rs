@@ -50,7 +50,7 @@ fn items(measured: &Measured, quantity: Quantity, limit: f64, named: bool) -> Ve
         let point = |fleet: &u32| Some([f64::from(*fleet), quantity(&scheme.load(measured, *fleet))?]);
         let line = Item::line(vec![fleets.iter().filter_map(point).collect()], Colour::nth(nth)).marked(nth);
         let line = if scheme.is_central() { line.dashed() } else { line };
-        items.push(if named { line.in_legend(scheme.name()) } else { line });
+        items.push(if named { line.in_legend(scheme.name) } else { line });
     }
     items
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde_json::json;
 use skein_agent::plant::xplane::client::RANDOM_FAILURES;
 use skein_agent::plant::xplane::placing::{LEVEL_WITHIN_M, NEAR_ORIGIN_M, from_origin_m};
-use skein_common::frame::{Geodetic, Origin};
+use skein_common::frame::Origin;
 use skein_common::scenario::{Scenario, Vehicle};
 use skein_core::aircraft::Profile;
 use skein_lab::error::Error;
@@ -23,7 +23,7 @@ use skein_cluster::os;
 use skein_cluster::place;
 use skein_cluster::ports::HostPort;
 use skein_cluster::simulators::reset::CRASHED;
-use skein_cluster::simulators::survey::{SILENT, Survey, Surveyor};
+use skein_cluster::simulators::survey::{ACF, SILENT, Survey, Surveyor, VERSION, version_text};
 use skein_cluster::simulators::web::WebChoice;
 
 /// `skein xplane check`
@@ -49,9 +49,8 @@ pub struct XplaneCheckArgs {
     pub json: bool,
 }
 
-/// How long positions are watched, how long an answer may take, and how long a report gathers datagrams.
+/// How long positions are watched, and how long a report gathers datagrams.
 const WATCHED: Duration = Duration::from_secs(5);
-const ANSWERS_WITHIN: Duration = Duration::from_secs(3);
 const REPORTED: Duration = Duration::from_secs(60);
 /// Positions a second that an agent asks for; below the second number, which allows for the measurement, it flies, but not as
 /// well; below the third not at all.
@@ -63,17 +62,16 @@ const LONGEST_GAP_S: f64 = 0.1;
 /// Characters of the aircraft's path that are read, one dataref for each.
 const PATH_CHARACTERS: usize = 80;
 
-const VERSION: &str = "sim/version/xplane_internal_version";
 const PAUSED: &str = "sim/time/paused";
 const REPLAY: &str = "sim/time/is_in_replay";
 const SPEED: &str = "sim/time/sim_speed_actual";
 const PERIOD: &str = "sim/operation/misc/frame_rate_period";
 
 fn path_element(nth: usize) -> String {
-    format!("sim/aircraft/view/acf_relative_path[{nth}]")
+    format!("{ACF}[{nth}]")
 }
 
-/// What an X-Plane is checked against.
+/// The files and the scenario that an X-Plane is checked against.
 struct LookedAt<'a> {
     /// Datarefs of the aircraft.
     profile: &'a Profile,
@@ -139,11 +137,8 @@ fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<V
         lines.push(rotor(place, &survey, profile));
         lines.push(overrides(place, surveyor, &survey, profile)?);
         lines.extend(scenario.and_then(|scenario| origin(place, &survey, scenario)));
-        let at = survey
-            .position
-            .as_ref()
-            .map(|at| Geodetic::from_degrees(at.latitude_deg, at.longitude_deg, at.elevation_m));
-        let local = scenario.map(|scenario| place::local(scenario, &at.unwrap_or_else(|| scenario.origin.geodetic())));
+        let here = |scenario| place::here(scenario, survey.position.as_ref());
+        let local = scenario.map(|scenario| place::local(scenario, &here(scenario)));
         lines.extend(local.iter().flat_map(|scenario| place::compared(place, &survey, scenario)));
         lines.extend(scenario.into_iter().flat_map(|scenario| place::setup_compared(place, &survey, scenario)));
         lines.push(load());
@@ -194,8 +189,7 @@ fn version(place: &str, survey: &Survey) -> Line {
         return Line::new(place, "version", "not answered").unknown();
     };
     let number = version as u32;
-    let line =
-        Line::new(place, "version", format!("{}.{}.{}", number / 10_000, number / 1_000 % 10, number / 100 % 10));
+    let line = Line::new(place, "version", version_text(number));
     if number >= 110_000 { line } else { line.warning("Skein is made for X-Plane 11 and 12") }
 }
 
@@ -259,14 +253,18 @@ fn states(place: &str, value: &Values<'_>) -> Vec<Line> {
         of("replay", REPLAY, "not in replay", is_zero, "in replay", "leave the replay"),
         of("crash", CRASHED, "not crashed", is_zero, "the aircraft has crashed", "reset the flight"),
     ];
-    lines.push(match value(SPEED) {
-        None => Line::new(place, "speed", "not answered").unknown(),
-        Some(speed) if (speed - 1.0).abs() < 0.05 || value(PAUSED) == Some(1.0) => {
-            Line::new(place, "speed", format!("{speed:.2} times real time"))
-        }
-        Some(speed) => Line::new(place, "speed", format!("{speed:.2} times real time"))
-            .warning("X-Plane slows its time below 19 frames a second, and its settings can: set real time"),
-    });
+    lines.push(value(SPEED).map_or_else(
+        || Line::new(place, "speed", "not answered").unknown(),
+        |speed| {
+            let line = Line::new(place, "speed", format!("{speed:.2} times real time"));
+            match (speed - 1.0).abs() < 0.05 || value(PAUSED) == Some(1.0) {
+                true => line,
+                false => {
+                    line.warning("X-Plane slows its time below 19 frames a second, and its settings can: set real time")
+                }
+            }
+        },
+    ));
     lines
 }
 
@@ -314,21 +312,25 @@ fn aircraft(place: &str, survey: &Survey, profile: &Profile, by_web: Option<Stri
 
 /// Each dataref of the aircraft's file that does not answer.
 fn datarefs(place: &str, survey: &Survey, profile: &Profile) -> Vec<Line> {
+    let silent = |path: &str| {
+        let found = format!("{path}: no answer within {} s", WATCHED.as_secs());
+        let remedy =
+            "this X-Plane or this aircraft has no such dataref: correct the table [xplane] of the aircraft's file";
+        survey.value(path).is_none().then(|| Line::new(place, "dataref", found).fault(remedy))
+    };
+    let all_answer = |all| Line::new(place, "datarefs", format!("all {all} of the aircraft's file answer"));
+    each_dataref(profile, silent, all_answer)
+}
+
+/// A line for each dataref of the aircraft's file that has a fault; without a fault one line about so many datarefs.
+fn each_dataref(
+    profile: &Profile,
+    fault: impl Fn(&str) -> Option<Line>,
+    are_good: impl Fn(usize) -> Line,
+) -> Vec<Line> {
     let all = profile.datarefs();
-    let silent: Vec<Line> = all
-        .iter()
-        .filter(|dataref| survey.value(dataref.as_str()).is_none())
-        .map(|dataref| {
-            let found = format!("{}: no answer within {} s", dataref.as_str(), WATCHED.as_secs());
-            Line::new(place, "dataref", found).fault(
-                "this X-Plane or this aircraft has no such dataref: correct the table [xplane] of the aircraft's file",
-            )
-        })
-        .collect();
-    if silent.is_empty() {
-        return vec![Line::new(place, "datarefs", format!("all {} of the aircraft's file answer", all.len()))];
-    }
-    silent
+    let faults: Vec<Line> = all.iter().filter_map(|dataref| fault(dataref.as_str())).collect();
+    if faults.is_empty() { vec![are_good(all.len())] } else { faults }
 }
 
 fn rotor(place: &str, survey: &Survey, profile: &Profile) -> Line {
@@ -354,7 +356,7 @@ fn overrides(place: &str, surveyor: &Surveyor, survey: &Survey, profile: &Profil
     }
     let after = |value: f32| {
         paths.iter().for_each(|path| surveyor.write(path, value));
-        read_until(surveyor, &paths, value)
+        surveyor.reads(&paths, value)
     };
     let (is_taken, is_back) = (after(1.0)?, after(0.0)?);
     Ok(match (is_taken, is_back) {
@@ -364,23 +366,6 @@ fn overrides(place: &str, surveyor: &Surveyor, survey: &Survey, profile: &Profil
         ),
         (true, false) => line("were taken, but not given back").fault("`skein xplane release` gives them back"),
     })
-}
-
-/// Whether all of these have this value within the time for an answer.
-///
-/// # Errors
-/// If the system provides no random numbers.
-pub(crate) fn read_until(surveyor: &Surveyor, paths: &[String], value: f32) -> Result<bool, Error> {
-    let until = skein_host::clock::now() + ANSWERS_WITHIN;
-    loop {
-        let survey = surveyor.survey(paths, 0, Duration::from_millis(500), false)?;
-        if paths.iter().all(|path| survey.value(path) == Some(value)) {
-            return Ok(true);
-        }
-        if skein_host::clock::now() >= until {
-            return Ok(false);
-        }
-    }
 }
 
 /// Where the aircraft is from the scenario's origin.
@@ -406,13 +391,11 @@ fn origin(place: &str, survey: &Survey, scenario: &Scenario) -> Option<Line> {
 }
 
 fn load() -> Line {
-    match os::load() {
-        None => Line::new("this PC", "load", "not reported by this system").unknown(),
-        Some(load) if load > os::cores() as f64 => {
-            Line::new("this PC", "load", format!("{load:.1} on {} cores", os::cores()))
-                .warning("end other programs: an agent that comes late flies badly")
-        }
-        Some(load) => Line::new("this PC", "load", format!("{load:.1} on {} cores", os::cores())),
+    let Some(load) = os::load() else { return Line::new("this PC", "load", "not reported by this system").unknown() };
+    let line = Line::new("this PC", "load", format!("{load:.1} on {} cores", os::cores()));
+    match load > os::cores() as f64 {
+        true => line.warning("end other programs: an agent that comes late flies badly"),
+        false => line,
     }
 }
 

@@ -10,7 +10,7 @@ use skein_common::id::{VehicleId, VehicleSet};
 
 use skein_cluster::os;
 
-/// What a process is.
+/// The role of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProcessRole {
     /// It flies a vehicle.
@@ -39,9 +39,9 @@ struct Child {
 /// A process that has ended by itself.
 #[derive(Clone, Debug)]
 pub struct Ended {
-    /// What it was.
+    /// Its role.
     pub role: ProcessRole,
-    /// Of which vehicle.
+    /// Its vehicle.
     pub id: VehicleId,
     /// How it ended.
     pub status: ExitStatus,

@@ -1,13 +1,12 @@
 //! One flight, or those of all teams of a fleet side by side: they share this process, the terminal and the air.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use skein_agent::config::fleet;
 use skein_common::frame::Origin;
 use skein_common::id::TeamId;
-use skein_common::scenario::{Described, RecordRuns, Scenario, TeamInFleet};
+use skein_common::scenario::{Described, RecordRuns, Scenario};
 
 use super::flight::{Flight, FlightResult};
 use super::launch::{Site, prepare_site};
@@ -26,7 +25,6 @@ use skein_lab::metrics::across::{Across, Airborne};
 use skein_lab::metrics::{FleetReport, Report, Run, TRAFFIC_FILE, Wall, traffic_csv};
 use skein_lab::out::write;
 use skein_lab::record::FLEET_FILE;
-use skein_lab::recording::NotedKind;
 use skein_lab::terminal::complain;
 
 /// Between two looks at the swarms: the metrics want fifty a second.
@@ -51,7 +49,7 @@ pub struct Flights {
     file: EndpointsFile,
 }
 
-/// What is left of flights that are over.
+/// The results of flights that are over.
 pub struct FlightsResult {
     /// The flight, or that of each team in the order of teams.
     pub flights: Vec<FlightResult>,
@@ -85,12 +83,11 @@ impl Flights {
             let lines = place::before_flight(plan.scenario(), &plan.xplanes, || interrupts.count() > 0);
             complain(as_table(&lines).trim_end());
         }
-        let scenarios = || described.all().iter().map(|team| &team.scenario);
-        let of_fleet = |team: TeamInFleet| Separations::new(Origin::new(team.origin.geodetic()), scenarios());
-        let separations = described.first().scenario.team.map(of_fleet);
-        let is_recorded = scenarios().any(|team| team.team.is_some() && team.record.runs != RecordRuns::None);
+        let fleet = described.first().scenario.team.map(|team| Origin::new(team.origin.geodetic()));
+        let separations = fleet.map(|fleet| Separations { across: Across::new(fleet), since: None });
+        let is_recorded = described.all().iter().any(|team| team.scenario.record.runs != RecordRuns::None);
         let recorder = || FleetRecorder::begin(&out.join(FLEET_FILE), &described);
-        let recorder = is_recorded.then(recorder).transpose()?;
+        let recorder = (described.is_fleet() && is_recorded).then(recorder).transpose()?;
         let begin = |plan| Flight::begin(plan, &described, &endpoints, gather_within);
         let running = plans.into_iter().map(begin).collect::<Result<Vec<_>, _>>()?;
         let stream = json.then(|| begin_stream(&described, &out)).transpose()?;
@@ -103,7 +100,7 @@ impl Flights {
     pub fn tell_of_page(&mut self, lines: Vec<String>, code: Option<String>) {
         self.screen.offer(code);
         if let Some(first) = self.running.first_mut() {
-            lines.into_iter().for_each(|line| first.tell(clock::now(), line));
+            lines.into_iter().for_each(|line| first.show(clock::now(), line));
         }
     }
 
@@ -121,8 +118,7 @@ impl Flights {
             if let Some(separations) = &mut self.separations {
                 separations.observe(&self.running, now);
             }
-            self.record(now);
-            self.stream(now);
+            self.pass_on(now);
             if over.len() == self.running.len() {
                 break;
             }
@@ -151,7 +147,7 @@ impl Flights {
             file.stay();
         }
         let notes = over.iter().flat_map(|result| shown(result.plan.scenario(), result.notes.clone()));
-        let notes: Vec<String> = notes.chain(recorder.and_then(|recorder| told(recorder.finish()))).collect();
+        let notes: Vec<String> = notes.chain(recorder.and_then(|recorder| told(recorder.file.finish()))).collect();
         notes.iter().for_each(|note| complain(note));
         let failures = over.iter().filter_map(|result| Some((result.plan.scenario(), result.verdict().err()?)));
         let failures: Vec<_> = failures.flat_map(|(scenario, why)| shown(scenario, vec![why])).collect();
@@ -171,37 +167,35 @@ impl Flights {
         FlightsResult { flights: over, verdict, fleet, out }
     }
 
-    /// Writes what has happened to the stream of `--json`.
-    fn stream(&mut self, now: Instant) {
+    /// Writes what has happened to the stream of `--json`, and to the recording of a fleet, which also gets where the vehicles are
+    /// from the moment when all teams are active.
+    fn pass_on(&mut self, now: Instant) {
         let is_due = self.stream.as_ref().is_some_and(|stream| stream.is_due(now));
         let status = is_due.then(|| self.status(now));
+        let all_have_begun = || self.running.iter().all(Flight::has_begun);
+        let wants_places = self.recorder.as_mut().is_some_and(|recorder| recorder.is_due(now, all_have_begun));
         for flight in &mut self.running {
-            let happened = flight.take_happened();
-            let team = flight.scenario().team.map(|team| team.id);
+            let (happened, team) = (flight.take_happened(), flight.scenario().team.map(|team| team.id));
+            if let (Some(recorder), Some(team)) = (&mut self.recorder, team) {
+                for Happened { at, line, .. } in &happened {
+                    match line {
+                        Line::Active(event) | Line::Landed(event) | Line::Event(event) => {
+                            recorder.event(*at, team, event.vehicle, event.what);
+                        }
+                        Line::Fault { what, .. } => recorder.fault(*at, team, what),
+                        _ => {}
+                    }
+                }
+                if wants_places {
+                    recorder.places(now, flight.scenario(), flight.steps(now));
+                }
+            }
             if let Some(stream) = &self.stream {
                 happened.iter().for_each(|happened| stream.write(team, happened));
             }
         }
         if let (Some(stream), Some(status)) = (&mut self.stream, status) {
             stream.progress(now, &status);
-        }
-    }
-
-    /// Records where the vehicles are, and what has happened, from the moment when all teams are active.
-    fn record(&mut self, now: Instant) {
-        let Some(recorder) = &mut self.recorder else { return };
-        let is_due = recorder.is_due(now, || self.running.iter().all(Flight::has_begun));
-        for flight in &mut self.running {
-            let Some(team) = flight.scenario().team else { continue };
-            for (at, what) in flight.take_noted() {
-                match what {
-                    NotedKind::Event(vehicle, what) => recorder.event(at, team.id, vehicle, what),
-                    NotedKind::Fault(fault) => recorder.fault(at, team.id, &fault),
-                }
-            }
-            if is_due {
-                recorder.places(now, flight.scenario(), flight.steps(now));
-            }
         }
     }
 
@@ -261,35 +255,25 @@ fn write_fleet(over: &[FlightResult], report: &FleetReport, out: &Path) -> Resul
 #[derive(Debug)]
 struct Separations {
     across: Across,
-    /// The vehicles of each team that are in the air now.
-    airborne: BTreeMap<TeamId, Airborne>,
     /// When the first vehicle was in the air.
     since: Option<Instant>,
 }
 
 impl Separations {
-    /// None yet of these teams. `fleet` is the origin of the fleet's frame.
-    fn new<'a>(fleet: Origin, teams: impl Iterator<Item = &'a Scenario>) -> Self {
-        let airborne = |scenario: &Scenario| {
-            let team = scenario.team?.id;
-            Some((team, Airborne::new(team, Origin::new(scenario.origin.geodetic()))))
-        };
-        Self { across: Across::new(fleet), airborne: teams.filter_map(airborne).collect(), since: None }
-    }
-
     /// Observes the newest positions in all flights that are not over.
     fn observe(&mut self, flights: &[Flight], now: Instant) {
-        self.airborne.values_mut().for_each(Airborne::clear);
-        for flight in flights {
-            let team = flight.scenario().team.and_then(|team| self.airborne.get_mut(&team.id));
-            let Some(airborne) = team else { continue };
+        let airborne = |flight: &Flight| {
+            let scenario = flight.scenario();
+            let mut airborne = Airborne::new(scenario.team?.id, Origin::new(scenario.origin.geodetic()));
             let mut vehicles = flight.airborne(now).peekable();
             if vehicles.peek().is_some() {
                 self.since.get_or_insert(now);
             }
             airborne.add(self.since.map_or(0.0, |since| (now - since).as_secs_f64()), vehicles);
-        }
-        self.across.observe(&self.airborne.values().collect::<Vec<_>>());
+            Some(airborne)
+        };
+        let teams: Vec<Airborne> = flights.iter().filter_map(airborne).collect();
+        self.across.observe(&teams.iter().collect::<Vec<_>>());
     }
 }
 

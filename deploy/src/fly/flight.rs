@@ -37,7 +37,7 @@ use crate::record::{Recorder, told};
 use events::UnderWay;
 use figures::summary;
 use skein_cluster::display::journal::Journal;
-use skein_cluster::display::status::{self, Ending, FlightStatus, Known, Stage};
+use skein_cluster::display::status::{Ending, FlightStatus, Known, Stage};
 use skein_cluster::endpoints::Endpoints;
 use skein_cluster::landing;
 use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
@@ -48,7 +48,6 @@ use skein_lab::error::Error;
 use skein_lab::faults::{OperatorOrder, Schedule};
 use skein_lab::metrics::{AIRBORNE_ABOVE_M, Measured, Metrics, Report, Run, Totals, VehicleTraffic};
 use skein_lab::out::Room;
-use skein_lab::recording::NotedKind;
 use skein_lab::study;
 
 /// The last known state of a vehicle silent for this long is out of date.
@@ -92,13 +91,13 @@ pub struct Flight {
     /// When the window began, by both clocks.
     zero: Option<Zero>,
     report: Option<Report>,
-    /// What each vehicle of a team had received when the figures ended.
+    /// The messages that each vehicle of a team had received when the figures ended.
     traffic: Vec<VehicleTraffic>,
-    /// What the scenario has still to do.
+    /// The scenario's actions that are still to come.
     schedule: Schedule<ScriptedAction>,
     /// Vehicles whose agents it has ended.
     killed: VehicleSet,
-    /// What agents that have ended had counted.
+    /// The counts of agents that have ended.
     ended: Totals,
     /// The orders that are to be repeated.
     orders: Vec<UnderWay>,
@@ -106,11 +105,9 @@ pub struct Flight {
     given: StandingOrders,
     journal: Journal,
     lost: Vec<String>,
-    /// What happened to a team and is not in the recording of its fleet yet.
-    noted: Vec<(Instant, NotedKind)>,
-    /// What happened and is not in the stream of `--json` yet.
+    /// Events that are not yet in the stream of `--json`, and in the recording of a fleet.
     happened: Vec<Happened>,
-    /// What went wrong, though the flight came to its end.
+    /// The reason why the flight failed, though it came to its end.
     failure: Option<String>,
     /// Its user has asked before the window was over.
     is_interrupted: bool,
@@ -118,15 +115,15 @@ pub struct Flight {
     is_broken_off: bool,
 }
 
-/// What is left of a flight that is over.
+/// The result of a flight that is over.
 pub struct FlightResult {
-    /// What was flown.
+    /// The plan that was flown.
     pub plan: Plan,
     /// The figures, if the clock of the flight has run.
     pub report: Option<Report>,
-    /// What each vehicle of a team received.
+    /// The messages that each vehicle of a team received.
     pub traffic: Vec<VehicleTraffic>,
-    /// What its operator is to know: lost vehicles, a recording that is not complete.
+    /// Notes for its operator: lost vehicles, a recording that is not complete.
     pub notes: Vec<String>,
     /// Whether agents of vehicles in the air were left to land by themselves.
     pub leaves: bool,
@@ -207,7 +204,6 @@ impl Flight {
             given: StandingOrders::default(),
             journal: Journal::default(),
             lost: Vec::new(),
-            noted: Vec::new(),
             happened: Vec::new(),
             failure: None,
             is_interrupted: false,
@@ -257,7 +253,6 @@ impl Flight {
                         self.metrics.observe_event(self.flown_s(now), event.header.sender, &event.what);
                     }
                     self.record(|recorder| recorder.happened(at, &event));
-                    self.note(at, NotedKind::Event(event.header.sender, event.what));
                     self.stream(at, Line::of_event(event.header.sender, event.what));
                     self.show_event(now, &event);
                 }
@@ -334,7 +329,7 @@ impl Flight {
     fn all_are_active(&self) -> bool {
         let can = |id| self.children.how_ended(ProcessRole::Standin, id).is_none();
         let mut awaited = self.live().filter(|(id, _)| can(*id)).peekable();
-        awaited.peek().is_some() && awaited.all(|(_, seen)| seen.is_some_and(is_active))
+        awaited.peek().is_some() && awaited.all(|(_, seen)| seen.is_some_and(VehicleView::is_active))
     }
 
     /// Whether the duration is over, an operator has ordered a landing, or all vehicles have only the landing left.
@@ -365,7 +360,7 @@ impl Flight {
 
     fn why_not_gathered(&self) -> String {
         let (all, within_s) = (self.plan.scenario().swarm.vehicles, self.gather_within.as_secs());
-        let is_active = |(_, seen): &(VehicleId, Option<&VehicleView>)| seen.is_some_and(is_active);
+        let is_active = |(_, seen): &(VehicleId, Option<&VehicleView>)| seen.is_some_and(VehicleView::is_active);
         let ready = self.live().filter(is_active).count();
         let missing: Vec<String> =
             self.live().filter(|known| !is_active(known)).take(8).map(|(id, _)| id.to_string()).collect();
@@ -461,7 +456,7 @@ impl Flight {
         self.journal.take_news(now, end)
     }
 
-    /// What is flown.
+    /// The scenario in flight.
     pub fn scenario(&self) -> &Scenario {
         self.plan.scenario()
     }
@@ -478,26 +473,15 @@ impl Flight {
         let scenario = self.plan.scenario();
         let known: Vec<Known> =
             scenario.ids().map(|id| Known::new(id, self.observer.vehicles().get(&id), self.ending(id), now)).collect();
-        let rows = status::rows(&known, scenario);
-        let flown_s = self.report.as_ref().map_or_else(|| self.flown_s(now), |report| report.duration_s);
         FlightStatus {
-            swarm: scenario.swarm.name.to_string(),
-            plant: Run::new(scenario, "fly").plant,
             stage: self.stage,
-            flown_s,
+            flown_s: self.report.as_ref().map_or_else(|| self.flown_s(now), |report| report.duration_s),
             duration_s: scenario.duration_s,
             out: self.plan.out.display().to_string(),
-            has_gaps: status::has_gaps(scenario, rows.iter().find_map(|row| row.step)),
-            rows,
-            teams: Vec::new(),
-            team: scenario.team.map(|team| team.id),
             events: self.journal.newest(MAX_EVENTS),
+            ..FlightStatus::new(scenario, &known)
         }
     }
-}
-
-fn is_active(seen: &VehicleView) -> bool {
-    seen.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
 }
 
 /// The newest step, if it is new enough to be true.

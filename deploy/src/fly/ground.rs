@@ -13,8 +13,8 @@ use skein_lab::faults::{InjectedFault, LinkChange, LinkChanges, link_changes};
 /// The ground truth of a flight.
 #[derive(Debug)]
 pub struct Ground {
-    /// What is still to be done to the links.
-    schedule: Vec<ScriptedAction>,
+    /// Changes of links that are still to come.
+    schedule: Vec<ScheduledChange>,
     /// When each vehicle first was active: the times of the scenario's cuts count from the receiver's.
     took_off: BTreeMap<VehicleId, Instant>,
     /// The incarnations that ended last; without a number for agents that were never in contact.
@@ -24,7 +24,7 @@ pub struct Ground {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct ScriptedAction {
+struct ScheduledChange {
     at_s: f64,
     link: (VehicleId, VehicleId),
     change: LinkChange,
@@ -36,7 +36,7 @@ impl Ground {
         let links = scenario.ids().flat_map(|sender| scenario.ids().map(move |receiver| (sender, receiver)));
         let actions = links.flat_map(|link| {
             let changes = link_changes(&scenario.mission.events, link.0, link.1).into_iter();
-            changes.map(move |(at_s, change)| ScriptedAction { at_s, link, change })
+            changes.map(move |(at_s, change)| ScheduledChange { at_s, link, change })
         });
         Self {
             schedule: actions.collect(),
@@ -84,10 +84,10 @@ impl Ground {
         self.took_off.get(&id).map(|at| now.saturating_duration_since(*at).as_secs_f64())
     }
 
-    /// What has been done to the links since the last call.
+    /// Takes the faults of links since the last call.
     pub fn due(&mut self, now: Instant) -> Vec<InjectedFault> {
         let Self { schedule, took_off, .. } = self;
-        let is_due = |action: &mut ScriptedAction| {
+        let is_due = |action: &mut ScheduledChange| {
             let took_off = took_off.get(&action.link.1);
             took_off.is_some_and(|at| now.saturating_duration_since(*at).as_secs_f64() >= action.at_s)
         };

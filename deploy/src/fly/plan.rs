@@ -1,4 +1,4 @@
-//! What is to be flown, where its files go, and that nothing stands against it: all of it before anything is begun.
+//! Plans a flight before anything is begun: what is to be flown, where its files go, and that nothing stands against it.
 
 use std::path::PathBuf;
 
@@ -14,10 +14,10 @@ use skein_lab::out;
 use skein_lab::scenario::{Ready, quoted};
 use skein_lab::terminal::complain;
 
-/// What is to be flown: a swarm, or the teams of a fleet.
+/// The plan of a swarm, or of all teams of a fleet.
 #[derive(Clone, Debug)]
 pub struct Plans {
-    /// As the scenario describes it.
+    /// The scenario, or the fleet.
     pub described: Described,
     /// The folder for everything that is written; does not exist yet, or is empty.
     pub out: PathBuf,
@@ -30,7 +30,7 @@ pub struct Plans {
 pub struct Plan {
     /// The scenario with the origin of its values.
     pub loaded: Loaded,
-    /// What it begins with.
+    /// The aircraft, rules and starts that it begins with.
     pub ready: Ready,
     /// HOST:PORT of each vehicle's X-Plane, in the order of ids; empty for other plants.
     pub xplanes: Vec<String>,
@@ -52,7 +52,7 @@ impl Plans {
         let refused = |why: String| Error::Refused(format!("{}: {why}", args.scenario.name()));
         fleet::check_size(described.all()).map_err(|why| refused(why.to_string()))?;
         let simulator = described.first().scenario.swarm.plant.spec().simulator;
-        if matches!(described, Described::Fleet(_)) && simulator == Simulator::Given {
+        if described.is_fleet() && simulator == Simulator::Given {
             return Err(refused("a fleet flies in the built-in plant or in stand-ins".to_owned()));
         }
         let mut trial = Trial::default();
@@ -94,7 +94,7 @@ impl Plan {
         Self { ready, xplanes, out, again, study, loaded }
     }
 
-    /// What flies.
+    /// The scenario to be flown.
     pub fn scenario(&self) -> &Scenario {
         &self.loaded.scenario
     }
@@ -102,12 +102,12 @@ impl Plan {
 
 /// The same with the X-Planes that the command line names, so that the scenario as flown names them.
 fn as_named(args: &FlyArgs, described: Described) -> Result<Described, Error> {
-    let Described::Swarm(loaded) = &described else { return Ok(described) };
-    if args.xplane.is_empty() {
+    if described.is_fleet() || args.xplane.is_empty() {
         return Ok(described);
     }
-    let addresses = simulators::addresses(&loaded.scenario, &args.xplane)?;
-    let named = loaded.scenario.ids().zip(addresses).map(|(id, address)| format!("vehicle.{id}.xplane={address}"));
+    let scenario = &described.first().scenario;
+    let addresses = simulators::addresses(scenario, &args.xplane)?;
+    let named = scenario.ids().zip(addresses).map(|(id, address)| format!("vehicle.{id}.xplane={address}"));
     args.scenario.read_any(sets(args)?.into_iter().chain(named).collect())
 }
 

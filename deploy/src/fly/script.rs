@@ -44,13 +44,15 @@ impl fmt::Display for ScriptedAction {
     }
 }
 
-/// Where the fault of an event is played.
+/// The process that plays the fault of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Player {
     Launcher,
     Agent,
-    /// This target cannot produce it.
-    Unsupported,
+    /// None: a flight in real time cannot produce it, for this reason.
+    Unsupported(&'static str),
+    /// None: the plant cannot simulate it.
+    UnknownToPlant,
 }
 
 impl Player {
@@ -58,15 +60,13 @@ impl Player {
         match (fault, plant.spec().failures) {
             (Fault::Kill { .. }, _) => Self::Launcher,
             (Fault::Cut { .. } | Fault::Delay { .. }, _) => Self::Agent,
-            // Agents measure time by a monotonic clock, which cannot be set.
-            (Fault::ClockJump { .. }, _) => Self::Unsupported,
-            // Only a study has a central controller to kill.
-            (Fault::KillControl, _) => Self::Unsupported,
+            (Fault::ClockJump { .. }, _) => Self::Unsupported("agents in real time use a clock that cannot be set"),
+            (Fault::KillControl, _) => Self::Unsupported("only a study has a central controller"),
             // A live agent publishes each state once, for its own team and for the others.
-            (Fault::Isolate { .. }, _) => Self::Unsupported,
+            (Fault::Isolate { .. }, _) => Self::Unsupported("only a study can withhold states from other teams alone"),
             (_, PlayedFailures::All) => Self::Agent,
             (Fault::SimulatorFreeze { .. }, PlayedFailures::Freeze) if os::CAN_FREEZE => Self::Launcher,
-            _ => Self::Unsupported,
+            _ => Self::UnknownToPlant,
         }
     }
 }
@@ -82,11 +82,11 @@ pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
             .into_iter()
             .for_each(|dead| span(dead, ScriptedAction::Kill(id), ScriptedAction::Restart(id)));
         let is_its = |fault: &Fault| *fault == Fault::SimulatorFreeze { vehicle: id };
-        let frozen = faults(scenario, Player::Launcher).filter(|(_, fault)| is_its(fault));
-        let frozen = union(frozen.map(|(event, _)| lasting(event)));
+        let frozen = faults(scenario).filter(|(_, fault, player)| *player == Player::Launcher && is_its(fault));
+        let frozen = union(frozen.map(|(event, ..)| lasting(event)));
         frozen.into_iter().for_each(|frozen| span(frozen, ScriptedAction::Freeze(id), ScriptedAction::Thaw(id)));
     }
-    for (event, fault) in faults(scenario, Player::Agent) {
+    for (event, fault, _) in faults(scenario).filter(|(.., player)| *player == Player::Agent) {
         let what = describe(fault);
         let failed = failure_of(fault).map(|(id, message)| InjectedFault::Failed(id, message));
         span(
@@ -101,21 +101,21 @@ pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
 /// Events that `fly` cannot produce on the scenario's plant, a sentence each.
 pub fn skipped(scenario: &Scenario) -> Vec<String> {
     let plant = scenario.swarm.plant.spec().title;
-    let sentence = |(event, fault): (&ScriptedEvent, &Fault)| {
-        let why = match fault {
-            Fault::ClockJump { .. } => "agents in real time use a clock that cannot be set".to_owned(),
-            Fault::KillControl => "only a study has a central controller".to_owned(),
-            Fault::Isolate { .. } => "only a study can withhold states from other teams alone".to_owned(),
-            _ => format!("{plant} cannot simulate this failure"),
+    let sentence = |(event, fault, player): (&ScriptedEvent, &Fault, Player)| {
+        let why = match player {
+            Player::Launcher | Player::Agent => return None,
+            Player::Unsupported(why) => why.to_owned(),
+            Player::UnknownToPlant => format!("{plant} cannot simulate this failure"),
         };
-        format!("at {} s: {}: skipped by `fly`: {why}", event.at_s, describe(fault))
+        Some(format!("at {} s: {}: skipped by `fly`: {why}", event.at_s, describe(fault)))
     };
-    faults(scenario, Player::Unsupported).map(sentence).collect()
+    faults(scenario).filter_map(sentence).collect()
 }
 
-fn faults(scenario: &Scenario, player: Player) -> impl Iterator<Item = (&ScriptedEvent, &Fault)> {
+/// The faults among the scenario's events, with the process that plays each.
+fn faults(scenario: &Scenario) -> impl Iterator<Item = (&ScriptedEvent, &Fault, Player)> {
     scenario.mission.events.iter().filter_map(move |event| match &event.what {
-        EventAction::Fault(fault) if Player::of(fault, scenario.swarm.plant) == player => Some((event, fault)),
+        EventAction::Fault(fault) => Some((event, fault, Player::of(fault, scenario.swarm.plant))),
         _ => None,
     })
 }

@@ -7,13 +7,13 @@
 //! A flight that fails is a row, and the next begins. The series ends early if no vehicle answers in a flight, or no X-Plane
 //! before it: then the next would fail too.
 
-use std::thread;
 use std::time::Duration;
 
 use serde::Serialize;
 use skein_common::message::Verb;
 use skein_common::scenario::{Scenario, Simulator, Target};
 use skein_host::clock;
+use skein_host::parallel::at_once;
 use skein_lab::error::Error;
 use skein_lab::faults::{OperatorOrder, orders};
 use skein_lab::scenario::{ScenarioArgs, quoted};
@@ -25,6 +25,7 @@ use skein_lab::terminal::{complain, say, what_next};
 use super::FlyArgs;
 use super::fleet::Flights;
 use super::plan::{Plans, sets};
+use skein_cluster::display::screen;
 use skein_cluster::os::Interrupts;
 use skein_cluster::simulators;
 use skein_cluster::{endpoints, landing};
@@ -33,7 +34,7 @@ use skein_cluster::{endpoints, landing};
 const LOOK: Duration = Duration::from_secs(1);
 
 /// How a flight of a series ended.
-enum Ended {
+enum FlightEnd {
     /// With figures.
     Flown,
     /// With the reason, and perhaps with figures; the next flight begins.
@@ -47,7 +48,7 @@ enum Ended {
 /// The last line of `fly --runs --json`.
 #[derive(Serialize)]
 #[serde(tag = "kind", rename = "series")]
-struct Outcome<'a> {
+struct SeriesOutcome<'a> {
     /// Flights that the series has.
     runs: usize,
     /// Flights with figures.
@@ -93,7 +94,7 @@ pub fn fly(args: &FlyArgs, first: Plans, runs: u64, interrupts: &Interrupts) -> 
             break;
         }
         let run = plan.run(nth);
-        tell(args.json, &format!("flight {} of {}, seed {}", nth + 1, plan.runs(), run.seed));
+        screen::say(args.json, &format!("flight {} of {}, seed {}", nth + 1, plan.runs(), run.seed));
         run.clear()?;
         early = match one(args, &run, interrupts) {
             Ok(ended) => close(&run, ended)?,
@@ -109,19 +110,19 @@ pub fn fly(args: &FlyArgs, first: Plans, runs: u64, interrupts: &Interrupts) -> 
 }
 
 /// Notes how a flight ended. Gives the reason if it was the last.
-fn close(run: &PlannedRun<'_>, ended: Ended) -> Result<Option<String>, Error> {
+fn close(run: &PlannedRun<'_>, ended: FlightEnd) -> Result<Option<String>, Error> {
     let fails = |why: &str| {
         complain(&format!("seed {}: {why}", run.seed));
         note_failure(run, why)
     };
     Ok(match ended {
-        Ended::Flown => None,
-        Ended::Failed(why) => fails(&why).map(|()| None)?,
-        Ended::Silent(why) => {
+        FlightEnd::Flown => None,
+        FlightEnd::Failed(why) => fails(&why).map(|()| None)?,
+        FlightEnd::Silent(why) => {
             fails(&why)?;
             Some("no vehicle answered, so the next flight would fail too".to_owned())
         }
-        Ended::Interrupted => {
+        FlightEnd::Interrupted => {
             discard(run)?;
             Some(format!("ended by Ctrl-C in the flight of seed {}", run.seed))
         }
@@ -140,7 +141,8 @@ fn end(args: &FlyArgs, plan: &SeriesPlan, early: Option<String>) -> Result<(), E
     let out = plan.out.display().to_string();
     if args.json {
         let failed = left.failures().map(|(seed, error)| FailedFlight { seed, error }).collect();
-        let outcome = Outcome { runs, flown, failed, error: early.clone(), out: out.clone(), figures: left.summary() };
+        let outcome =
+            SeriesOutcome { runs, flown, failed, error: early.clone(), out: out.clone(), figures: left.summary() };
         // A line like those of each flight, in one piece.
         let line = serde_json::to_string(&outcome).map_err(|error| Error::Failed(format!("--json: {error}")))?;
         say(&format!("{line}\n"));
@@ -168,7 +170,7 @@ fn end(args: &FlyArgs, plan: &SeriesPlan, early: Option<String>) -> Result<(), E
 ///
 /// # Errors
 /// What stands against every flight of the series.
-fn one(args: &FlyArgs, run: &PlannedRun<'_>, interrupts: &Interrupts) -> Result<Ended, Error> {
+fn one(args: &FlyArgs, run: &PlannedRun<'_>, interrupts: &Interrupts) -> Result<FlightEnd, Error> {
     let (seed, out) = (Some(run.seed), Some(run.folder()));
     let args = FlyArgs { seed, out, runs: None, ..args.clone() };
     let scenario = args.scenario.read(sets(&args)?)?.scenario;
@@ -178,8 +180,8 @@ fn one(args: &FlyArgs, run: &PlannedRun<'_>, interrupts: &Interrupts) -> Result<
     };
     let plans = match ready(&x_planes).and_then(|()| Plans::new(&args)) {
         Ok(plans) => plans,
-        Err(Error::Failed(why)) if simulators::any_answers(&x_planes) => return Ok(Ended::Failed(why)),
-        Err(Error::Failed(why)) if !x_planes.is_empty() => return Ok(Ended::Silent(why)),
+        Err(Error::Failed(why)) if simulators::any_answers(&x_planes) => return Ok(FlightEnd::Failed(why)),
+        Err(Error::Failed(why)) if !x_planes.is_empty() => return Ok(FlightEnd::Silent(why)),
         Err(error) => return Err(error),
     };
     let flown = Flights::begin(plans, args.gather_within(), args.json, interrupts)?.fly(interrupts);
@@ -187,23 +189,20 @@ fn one(args: &FlyArgs, run: &PlannedRun<'_>, interrupts: &Interrupts) -> Result<
         wait_until_down(&scenario, interrupts);
     }
     if flown.flights.iter().any(|flight| flight.is_interrupted) {
-        return Ok(Ended::Interrupted);
+        return Ok(FlightEnd::Interrupted);
     }
     let has_answered = flown.flights.iter().any(|flight| flight.has_answered);
     Ok(match flown.verdict {
-        Ok(()) => Ended::Flown,
-        Err(why) if has_answered => Ended::Failed(why.to_string()),
-        Err(why) => Ended::Silent(why.to_string()),
+        Ok(()) => FlightEnd::Flown,
+        Err(why) if has_answered => FlightEnd::Failed(why.to_string()),
+        Err(why) => FlightEnd::Silent(why.to_string()),
     })
 }
 
 /// Makes these X-Planes ready for a flight.
 fn ready(addresses: &[String]) -> Result<(), Error> {
     simulators::ask_all(addresses)?;
-    let resets = addresses.iter().cloned().map(|at| thread::spawn(move || simulators::reset::reset_if_crashed(&at)));
-    let resets: Vec<_> = resets.collect();
-    // A thread that panicked has printed the reason.
-    resets.into_iter().filter_map(|reset| reset.join().ok()).collect()
+    at_once(addresses.iter().map(|at| || simulators::reset::reset_if_crashed(at))).into_iter().collect()
 }
 
 /// Waits for vehicles that were left in the air: their agents land them and end.
@@ -222,9 +221,4 @@ fn ends(scenario: &Scenario) -> bool {
         |(_, order): &(f64, OperatorOrder)| order.vehicles.is_none() && matches!(order.verb, Verb::Land | Verb::Abort);
     let is_ordered = orders(&scenario.mission.events).iter().any(is_landing);
     scenario.duration_s.is_some() || matches!(last, Some(Target::Land(_))) || is_ordered
-}
-
-/// Writes a line for people.
-fn tell(on_stderr: bool, line: &str) {
-    if on_stderr { complain(line) } else { say(&format!("{line}\n")) }
 }

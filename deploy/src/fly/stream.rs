@@ -20,7 +20,7 @@ use skein_cluster::display::status::{FlightStatus, Row, Stage};
 /// Interval between two lines of progress.
 const PROGRESS: Duration = Duration::from_secs(10);
 
-/// What a line is about.
+/// A line, by its subject.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Line {
@@ -55,7 +55,7 @@ pub enum Line {
     Window,
     /// All vehicles are ordered to land.
     Landing,
-    /// What this process did or found, such as a process that ended.
+    /// An action or a finding of this process, such as a process that ended.
     Note {
         /// The sentence that people read.
         text: String,
@@ -76,11 +76,11 @@ pub enum Line {
 /// An event that a vehicle reported of itself.
 #[derive(Clone, Debug, Serialize)]
 pub struct VehicleEvent {
-    vehicle: VehicleId,
+    pub(super) vehicle: VehicleId,
     /// The event as text.
     text: String,
     /// The event as data: a name, or a name with its values.
-    what: EventKind,
+    pub(super) what: EventKind,
 }
 
 impl Line {
@@ -107,11 +107,11 @@ pub struct Happened {
     pub at: Instant,
     /// Time since the window of the figures began, s; `None` before.
     pub window_s: Option<f64>,
-    /// What.
+    /// The line.
     pub line: Line,
 }
 
-/// What every line has besides its own.
+/// A line with the fields that all lines have.
 #[derive(Serialize)]
 struct Timed<'a, T: Serialize> {
     #[serde(flatten)]

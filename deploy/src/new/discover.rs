@@ -6,6 +6,8 @@ use skein_agent::plant::xplane::discovery;
 use skein_common::printable::printable;
 use skein_lab::error::Error;
 
+use skein_cluster::simulators::survey::version_text;
+
 /// Most bytes of a computer's name that are shown.
 const MAX_NAME: usize = 60;
 
@@ -54,15 +56,12 @@ pub(super) fn listen(for_s: f64) -> Result<Vec<FoundXPlane>, Error> {
 pub(crate) fn heard(time: Duration) -> Result<Vec<FoundXPlane>, Error> {
     let found = discovery::listen(time)
         .map_err(|error| Error::Failed(format!("the beacons of X-Planes cannot be received: {error}")))?;
-    let shown = |found: discovery::FoundSimulator| {
-        let version = found.version;
-        FoundXPlane {
-            address: found.address.to_string(),
-            port: found.port,
-            version: format!("{}.{}.{}", version / 10_000, version / 1000 % 10, version / 100 % 10),
-            computer: printable(&found.computer, MAX_NAME),
-            interface: found.interface,
-        }
+    let shown = |found: discovery::FoundSimulator| FoundXPlane {
+        address: found.address.to_string(),
+        port: found.port,
+        version: version_text(found.version),
+        computer: printable(&found.computer, MAX_NAME),
+        interface: found.interface,
     };
     Ok(found.into_iter().map(shown).collect())
 }

@@ -58,11 +58,8 @@ impl Start {
 fn scenario(name: &Name, from: &str) -> Result<Start, Error> {
     let shipped = shipped::find(from)?;
     let file = format!("{name}.toml");
-    let next = vec![
-        (format!("skein check {file}"), "every value and where it comes from"),
-        (format!("skein study {file} --seeds 0..5"), "in virtual time"),
-        (format!("skein fly {file}"), "in real time"),
-    ];
+    let check = (format!("skein check {file}"), "every value and where it comes from");
+    let next = std::iter::once(check).chain(study_and_fly(&file)).collect();
     Ok(Start { files: vec![NewFile::new(file, renamed(&shipped, name), "the scenario")], next })
 }
 
@@ -87,49 +84,38 @@ fn law(name: &Name, lang: Language, source: Option<&Path>) -> Start {
              parameters = {parameters}\n"
         )
     };
-    let fly = |file: &str| {
-        vec![
-            (format!("skein study {file} --seeds 0..5"), "in virtual time"),
-            (format!("skein fly {file}"), "in real time"),
-        ]
-    };
     let ring = "{ inner_width_m = 20, outer_width_m = 20 }";
-    match lang {
+    let (law, scenario) = match lang {
         Language::Python => {
             let command = format!("command = [\"python3\", \"{name}.py\"]        # a process for each vehicle");
-            let files = vec![
-                NewFile::new(format!("{name}.py"), ring_py.text, "the law: the shipped ring, to be changed"),
-                NewFile::new(file.clone(), external(command, ring), "a scenario that flies it"),
-            ];
-            Start { files, next: fly(&file) }
+            let law = NewFile::new(format!("{name}.py"), ring_py.text, "the law: the shipped ring, to be changed");
+            (law, external(command, ring))
         }
         Language::Octave => {
             let command =
                 format!("command = [\"octave-cli\", \"--quiet\", \"{name}.m\"]    # a process for each vehicle");
-            let files = vec![
-                NewFile::new(format!("{name}.m"), ring_m.text, "the law: the shipped ring, to be changed"),
-                NewFile::new(file.clone(), external(command, ring), "a scenario that flies it"),
-            ];
-            Start { files, next: fly(&file) }
+            let law = NewFile::new(format!("{name}.m"), ring_m.text, "the law: the shipped ring, to be changed");
+            (law, external(command, ring))
         }
         Language::Matlab => {
             let listen = "listen = \"tcp/127.0.0.1:5600\"              # Matlab connects; in a study one program serves all vehicles";
-            let files = vec![
-                NewFile::new(format!("{name}.m"), goto_tcp.text, "the law: every vehicle flies to the centre"),
-                NewFile::new(file.clone(), external(listen.to_owned(), "{ gain = 0.3 }"), "a scenario that flies it"),
-            ];
-            let next = vec![
-                (format!("skein study {file} --seeds 0..5"), "in virtual time; it waits until the law runs"),
-                (format!("run {name}.m in Matlab"), "the law, which connects to the study on port 5600"),
-                (
-                    format!("skein fly {file}"),
-                    "in real time; then run the law once for each vehicle, with its id in it",
-                ),
-            ];
-            Start { files, next }
+            let law = NewFile::new(format!("{name}.m"), goto_tcp.text, "the law: every vehicle flies to the centre");
+            (law, external(listen.to_owned(), "{ gain = 0.3 }"))
         }
-        Language::Rust => rust_law(name, source.unwrap_or(Path::new(""))),
+        Language::Rust => return rust_law(name, source.unwrap_or(Path::new(""))),
+    };
+    let mut next = study_and_fly(&file).to_vec();
+    if lang == Language::Matlab {
+        next[0].1 = "in virtual time; it waits until the law runs";
+        next[1].1 = "in real time; then run the law once for each vehicle, with its id in it";
+        next.insert(1, (format!("run {name}.m in Matlab"), "the law, which connects to the study on port 5600"));
     }
+    Start { files: vec![law, NewFile::new(file, scenario, "a scenario that flies it")], next }
+}
+
+/// The commands that fly a scenario.
+fn study_and_fly(file: &str) -> [(String, &'static str); 2] {
+    [(format!("skein study {file} --seeds 0..5"), "in virtual time"), (format!("skein fly {file}"), "in real time")]
 }
 
 fn rust_law(name: &Name, source: &Path) -> Start {
@@ -161,10 +147,7 @@ fn aircraft(name: &Name) -> Start {
     let swarm = format!("[swarm]\naircraft = \"{name}\"            # {name}.toml beside this file\n");
     let text = HOVER.text.replace("name = \"hover\"", &format!("name = \"{scenario}\"")).replace("[swarm]\n", &swarm);
     let file = format!("{scenario}.toml");
-    let next = vec![
-        (format!("skein study {file} --seeds 0..5"), "in virtual time"),
-        (format!("skein fly {file}"), "in real time"),
-    ];
+    let next = study_and_fly(&file).to_vec();
     let files = vec![
         NewFile::new(format!("{name}.toml"), aircraft, "the aircraft: the shipped X-Cell .60, to be changed"),
         NewFile::new(file, text, "a scenario that flies it"),

@@ -14,7 +14,7 @@ use crate::fly;
 use skein_lab::error::Error;
 use skein_lab::study;
 
-/// What each command reports about a scenario file. Nothing is started.
+/// The report of each command about a scenario file. Nothing is started.
 struct Verdicts {
     check: Result<(), Error>,
     fly: Result<(), Error>,

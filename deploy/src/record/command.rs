@@ -8,10 +8,9 @@ use skein_cluster::keys::Role;
 use skein_common::id::TeamId;
 use skein_common::message::Severity;
 use skein_common::scenario::{Described, Scenario, Source, load};
-use skein_common::state::Membership;
 
 use super::{FleetRecorder, Recorder};
-use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
 use skein_cluster::mesh::reach::{Reach, SwarmArgs};
 use skein_cluster::os::Interrupts;
 use skein_host::clock;
@@ -54,7 +53,7 @@ pub struct RecordArgs {
     pub json: bool,
 }
 
-/// What a command has written: the object for programs, and the sentence for people.
+/// The result of a command: the object for programs, and the sentence for people.
 struct Written {
     object: Value,
     text: String,
@@ -114,7 +113,7 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written
     refuse_existing(out)?;
     let place = swarm.choose()?;
     let reaches = place.reach_teams(Role::Observer, team.as_slice())?;
-    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    let interrupts = Interrupts::listen()?;
     let described = if reaches.len() > 1 { Some(place.described()?) } else { None };
     let mut scenarios = described.iter().flat_map(Described::all).map(|team| &team.scenario);
     let mut teams = Vec::new();
@@ -130,22 +129,21 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written
     while interrupts.count() == 0 {
         let now = clock::now();
         let has_failed = |team: &RecordedTeam<'_>| team.full.as_ref().is_some_and(Recorder::has_failed);
-        if fleet.as_ref().map_or_else(|| teams.iter().any(has_failed), FleetRecorder::has_failed) {
+        if fleet.as_ref().map_or_else(|| teams.iter().any(has_failed), |fleet| fleet.file.has_failed()) {
             break;
         }
-        let is_due =
-            fleet.as_mut().is_some_and(|fleet| fleet.is_due(now, || teams.iter().all(|team| team.window.has_begun)));
+        let is_due = fleet.as_mut().is_some_and(|fleet| fleet.is_due(now, || teams.iter().all(|team| team.has_begun)));
         teams.iter_mut().for_each(|team| team.record(fleet.as_mut(), now, is_due));
         clock::sleep(TICK);
     }
     let steps = || teams.iter().filter_map(|team| team.full.as_ref()).map(Recorder::steps).sum();
-    let (counted, count) = fleet.as_ref().map_or_else(|| ("steps", steps()), |fleet| ("samples", fleet.samples()));
+    let (counted, count) = fleet.as_ref().map_or_else(|| ("steps", steps()), |fleet| ("samples", fleet.samples));
     let is_fleet = fleet.is_some();
     let seen = |team: &RecordedTeam<'_>| team.observer.vehicles().values().filter(|view| view.trace.is_some()).count();
     let vehicles: usize = teams.iter().map(seen).sum();
     let rejected: u64 = teams.iter().map(|team| team.observer.dropped()).sum();
     let files = teams.into_iter().filter_map(|team| team.full).map(Recorder::finish);
-    let dropped: Result<Vec<u64>, _> = fleet.map(FleetRecorder::finish).into_iter().chain(files).collect();
+    let dropped: Result<Vec<u64>, _> = fleet.map(|fleet| fleet.file.finish()).into_iter().chain(files).collect();
     let dropped: u64 = dropped.map_err(|error| about_file(out, &[], error))?.iter().sum();
     let recorded = match is_fleet {
         true => format!("{vehicles} vehicles at {count} times"),
@@ -161,12 +159,14 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written
 /// A swarm or a team that is being recorded.
 struct RecordedTeam<'a> {
     reach: &'a Reach,
-    /// Of a team.
+    /// The scenario of a team.
     scenario: Option<&'a Scenario>,
     observer: Observer,
     /// The full recording, unless it is a team that the scenario does not choose.
     full: Option<Recorder>,
-    window: Window,
+    /// The window of the figures has begun: every vehicle in contact was an active member, as in `fly`. A recording that starts later
+    /// begins its window as soon as that can be observed.
+    has_begun: bool,
 }
 
 impl<'a> RecordedTeam<'a> {
@@ -187,7 +187,7 @@ impl<'a> RecordedTeam<'a> {
         if let Some(full) = &mut full {
             received.iter().for_each(|(received, at)| put(full, received, *at));
         }
-        Ok(Self { reach, scenario, observer, full, window: Window::default() })
+        Ok(Self { reach, scenario, observer, full, has_begun: false })
     }
 
     /// Records what has arrived, in the recording of the fleet too; if it `is_due`, also the places.
@@ -200,7 +200,9 @@ impl<'a> RecordedTeam<'a> {
             }
             self.full.iter_mut().for_each(|full| put(full, &received, at));
         }
-        if self.window.begins(&self.observer) {
+        let mut alive = self.observer.vehicles().values().filter(|view| view.alive).peekable();
+        if !self.has_begun && alive.peek().is_some() && alive.all(VehicleView::is_active) {
+            self.has_begun = true;
             self.full.iter_mut().for_each(|full| full.window_begins(now));
         }
         if let (Some(fleet), Some(scenario), true) = (fleet, self.scenario, is_due) {
@@ -247,26 +249,6 @@ fn put(recorder: &mut Recorder, received: &SwarmMessage, at: Instant) {
             recorder.note(at, Severity::Error, &format!("vehicle {id}"), "its agent has disappeared")
         }
         SwarmMessage::Health(_) | SwarmMessage::Mission(_) | SwarmMessage::Summary(_) => {}
-    }
-}
-
-/// Determines when the measurement window begins: when every vehicle in contact is an active member, as in `fly`. A
-/// recording that starts later begins its window as soon as that can be observed.
-#[derive(Debug, Default)]
-struct Window {
-    has_begun: bool,
-}
-
-impl Window {
-    /// Returns true once, when the window begins.
-    fn begins(&mut self, observer: &Observer) -> bool {
-        let is_active = |view: &skein_cluster::mesh::observe::VehicleView| {
-            view.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
-        };
-        let mut alive = observer.vehicles().values().filter(|view| view.alive).peekable();
-        let begins = !self.has_begun && alive.peek().is_some() && alive.all(is_active);
-        self.has_begun |= begins;
-        begins
     }
 }
 

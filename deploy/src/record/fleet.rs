@@ -10,19 +10,21 @@ use skein_common::scenario::{Described, Scenario};
 use skein_lab::error::Error;
 use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::Run;
-use skein_lab::record::{RecordError, RecordingInfo, TeamPlaces, VehiclePlace};
+use skein_lab::record::{RecordingInfo, TeamPlaces, VehiclePlace};
 
 use super::Recorder;
 
 /// Records a fleet until it is finished.
 pub struct FleetRecorder {
-    file: Recorder,
+    /// The recording.
+    pub file: Recorder,
     /// Origin of the fleet's frame.
     origin: Origin,
     period: Duration,
     /// Beginning of the window, and the time of the next places; `None` before it.
     window: Option<(Instant, Instant)>,
-    samples: u64,
+    /// Number of times at which places were recorded.
+    pub samples: u64,
 }
 
 impl FleetRecorder {
@@ -76,7 +78,7 @@ impl FleetRecorder {
     /// Records an event that a vehicle reported.
     pub fn event(&mut self, at: Instant, team: TeamId, vehicle: VehicleId, what: EventKind) {
         if self.window.is_some() {
-            self.file.event(at, VehicleName { team: Some(team), vehicle }, what);
+            self.file.event(at, VehicleName { team: Some(team), vehicle }, None, what);
         }
     }
 
@@ -85,24 +87,6 @@ impl FleetRecorder {
         if self.window.is_some() {
             self.file.fault(at, Some(team), fault);
         }
-    }
-
-    /// Number of times at which places were recorded.
-    pub fn samples(&self) -> u64 {
-        self.samples
-    }
-
-    /// Whether writing has failed and nothing more is recorded. [`Self::finish`] returns the error.
-    pub fn has_failed(&self) -> bool {
-        self.file.has_failed()
-    }
-
-    /// Closes the file and returns the number of entries dropped.
-    ///
-    /// # Errors
-    /// If writing has failed since the beginning: the first error.
-    pub fn finish(self) -> Result<u64, RecordError> {
-        self.file.finish()
     }
 }
 
@@ -141,7 +125,7 @@ mod tests {
             }
         }
         recorder.event(begin + Duration::from_secs(1), id, VehicleId::new(1).unwrap(), EventKind::Landed);
-        assert_eq!((recorder.samples(), recorder.finish().unwrap()), (4, 0));
+        assert_eq!((recorder.samples, recorder.file.finish().unwrap()), (4, 0));
         let places = read_fleet(&path).unwrap().places;
         assert_eq!(places.iter().map(|places| places.t_s).collect::<Vec<_>>(), [0.0, 0.5, 1.0, 1.5]);
         let east_m = traces[0].position.east_m() + team.team.unwrap().place_ne_m[1];

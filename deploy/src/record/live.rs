@@ -4,6 +4,8 @@
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -25,30 +27,18 @@ const CLOCK: &str = "UTC when the recorder received it";
 
 /// Records a swarm or a fleet until it is finished. Log times are UTC.
 pub struct Recorder {
-    queue: SyncSender<(u64, Entry)>,
+    queue: SyncSender<WriteEntry>,
     writing: JoinHandle<Result<(), RecordError>>,
     utc: Utc,
     rate: Rate,
-    dropped: u64,
+    /// Number of entries that found the queue full.
+    dropped: Arc<AtomicU64>,
     steps: u64,
 }
 
-/// An entry of the recording, to be written by the thread.
-enum Entry {
-    Step(Box<Trace>),
-    Places(TeamPlaces),
-    Happened(VehicleName, Option<Header>, EventKind),
-    InjectedFault(Option<TeamId>, InjectedFault),
-    Note {
-        severity: Severity,
-        who: String,
-        what: String,
-    },
-    Begins,
-    Ends,
-    /// The last entry: the number of entries dropped.
-    Dropped(u64),
-}
+/// Writes one entry of the recording, in the thread.
+type WriteEntry = Box<dyn FnOnce(&mut FileWriter) + Send>;
+type FileWriter = Writer<BufWriter<File>>;
 
 impl Recorder {
     /// Creates the file at `path` and records each vehicle `hz` times a second of its simulator's time, or at every
@@ -78,54 +68,58 @@ impl Recorder {
         let writer = if is_fleet { Writer::of_fleet(to, &about, now_ns)? } else { Writer::new(to, &about, now_ns)? };
         let (queue, entries) = sync_channel(QUEUE);
         let thread = thread::Builder::new().name("record".to_owned());
-        let path = path.to_owned();
+        let (path, dropped) = (path.to_owned(), Arc::new(AtomicU64::new(0)));
+        let of_thread = dropped.clone();
         let writing = thread
-            .spawn(move || write(writer, &entries, synced, path))
+            .spawn(move || write(writer, &entries, &of_thread, synced, path))
             .map_err(|error| RecordError::Io { path: PathBuf::from("thread"), error })?;
-        Ok(Self { queue, writing, utc, rate: Rate::new(hz), dropped: 0, steps: 0 })
+        Ok(Self { queue, writing, utc, rate: Rate::new(hz), dropped, steps: 0 })
     }
 
     /// Records a trace that was received at this instant, if the rate limit lets it through.
     pub fn step(&mut self, at: Instant, trace: &Trace) {
         if self.rate.is_due(trace) {
             self.steps += 1;
-            self.enqueue(at, Entry::Step(Box::new(trace.clone())));
+            let trace = trace.clone();
+            self.enqueue(at, move |writer, log_time_ns| writer.step(log_time_ns, &trace));
         }
     }
 
     /// Records an event that a vehicle reported.
     pub fn happened(&mut self, at: Instant, event: &Event) {
-        self.enqueue(at, Entry::Happened(event.header.sender.into(), Some(event.header), event.what));
+        self.event(at, event.header.sender.into(), Some(event.header), event.what);
     }
 
-    /// Records an event of a vehicle of a fleet.
-    pub(super) fn event(&mut self, at: Instant, sender: VehicleName, what: EventKind) {
-        self.enqueue(at, Entry::Happened(sender, None, what));
+    /// Records an event of this vehicle.
+    pub(super) fn event(&mut self, at: Instant, sender: VehicleName, header: Option<Header>, what: EventKind) {
+        self.enqueue(at, move |writer, log_time_ns| writer.event(log_time_ns, sender, header.as_ref(), &what));
     }
 
     /// Records a fault that was injected into the swarm, or into this team of a fleet.
     pub fn fault(&mut self, at: Instant, team: Option<TeamId>, fault: &InjectedFault) {
-        self.enqueue(at, Entry::InjectedFault(team, fault.clone()));
+        let fault = fault.clone();
+        self.enqueue(at, move |writer, log_time_ns| writer.fault(log_time_ns, team, &fault));
     }
 
     /// Records where the vehicles of a team of a fleet are.
     pub(super) fn places(&mut self, at: Instant, places: TeamPlaces) {
-        self.enqueue(at, Entry::Places(places));
+        self.enqueue(at, move |writer, log_time_ns| writer.places(log_time_ns, &places));
     }
 
     /// Records a note for human readers.
     pub fn note(&mut self, at: Instant, severity: Severity, who: &str, what: &str) {
-        self.enqueue(at, Entry::Note { severity, who: who.to_owned(), what: what.to_owned() });
+        let (who, what) = (who.to_owned(), what.to_owned());
+        self.enqueue(at, move |writer, log_time_ns| writer.note(log_time_ns, severity, who, what));
     }
 
     /// Marks the beginning of the measurement window.
     pub fn window_begins(&mut self, at: Instant) {
-        self.enqueue(at, Entry::Begins);
+        self.enqueue(at, FileWriter::window_begins);
     }
 
     /// Marks the end of the measurement window.
     pub fn window_ends(&mut self, at: Instant) {
-        self.enqueue(at, Entry::Ends);
+        self.enqueue(at, FileWriter::window_ends);
     }
 
     /// Number of steps recorded so far.
@@ -143,22 +137,22 @@ impl Recorder {
     /// # Errors
     /// If writing has failed since the beginning: the first error.
     pub fn finish(self) -> Result<u64, RecordError> {
-        let Self { queue, writing, utc, dropped, .. } = self;
-        // The flight is over, so waiting is allowed. If the thread is gone, joining it below returns its error.
-        let _ = queue.send((utc.nanoseconds(clock::now()), Entry::Dropped(dropped)));
+        let Self { queue, writing, dropped, .. } = self;
+        // The flight is over, so waiting for what is still in the queue is allowed.
         drop(queue);
         writing.join().unwrap_or(Err(RecordError::Missing("the thread that writes")))?;
-        Ok(dropped)
+        Ok(dropped.load(Relaxed))
     }
 
-    fn enqueue(&mut self, at: Instant, entry: Entry) {
-        if self.queue.try_send((self.utc.nanoseconds(at), entry)).is_err() {
-            self.dropped += 1;
+    fn enqueue(&mut self, at: Instant, write: impl FnOnce(&mut FileWriter, u64) + Send + 'static) {
+        let log_time_ns = self.utc.nanoseconds(at);
+        if self.queue.try_send(Box::new(move |writer| write(writer, log_time_ns))).is_err() {
+            self.dropped.fetch_add(1, Relaxed);
         }
     }
 }
 
-/// What the operator of a flight is to know of its recording, which was closed with this result. A flight is not to blame for
+/// The note for the operator of a flight about its recording, which was closed with this result. A flight is not to blame for
 /// it.
 pub fn told(closed: Result<u64, RecordError>) -> Option<String> {
     match closed {
@@ -170,8 +164,9 @@ pub fn told(closed: Result<u64, RecordError>) -> Option<String> {
 
 /// Runs in the thread: writes entries until the queue closes or writing fails.
 fn write(
-    mut writer: Writer<BufWriter<File>>,
-    entries: &Receiver<(u64, Entry)>,
+    mut writer: FileWriter,
+    entries: &Receiver<WriteEntry>,
+    dropped: &AtomicU64,
     file: File,
     path: PathBuf,
 ) -> Result<(), RecordError> {
@@ -180,12 +175,10 @@ fn write(
     // Synchronising can be slow: it has a thread of its own, so that writing continues meanwhile.
     let syncing =
         thread::Builder::new().name("record-sync".to_owned()).spawn(move || sync(&file, &stopped)).map_err(io)?;
-    let mut dropped = 0;
     let mut flush_at = clock::now() + FLUSH;
     while writer.failed().is_none() {
         match entries.recv_timeout(flush_at.saturating_duration_since(clock::now())) {
-            Ok((_, Entry::Dropped(count))) => dropped = count,
-            Ok((log_time_ns, entry)) => put(&mut writer, log_time_ns, entry),
+            Ok(write_entry) => write_entry(&mut writer),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
@@ -197,21 +190,8 @@ fn write(
     }
     drop(stop);
     let _ = syncing.join();
-    let file = writer.finish(dropped)?.into_inner().map_err(|error| io(error.into_error()))?;
+    let file = writer.finish(dropped.load(Relaxed))?.into_inner().map_err(|error| io(error.into_error()))?;
     file.sync_all().map_err(io)
-}
-
-fn put(writer: &mut Writer<BufWriter<File>>, log_time_ns: u64, entry: Entry) {
-    match entry {
-        Entry::Step(trace) => writer.step(log_time_ns, &trace),
-        Entry::Places(places) => writer.places(log_time_ns, &places),
-        Entry::Happened(sender, header, what) => writer.event(log_time_ns, sender, header.as_ref(), &what),
-        Entry::InjectedFault(team, fault) => writer.fault(log_time_ns, team, &fault),
-        Entry::Note { severity, who, what } => writer.note(log_time_ns, severity, who, what),
-        Entry::Begins => writer.window_begins(log_time_ns),
-        Entry::Ends => writer.window_ends(log_time_ns),
-        Entry::Dropped(_) => {}
-    }
 }
 
 /// Synchronises the file to the disk at every [`SYNC`], until stopped. Errors are ignored, because some file systems
@@ -232,8 +212,8 @@ mod tests {
     fn an_entry_that_finds_the_queue_full_is_dropped_and_counted() {
         let (queue, entries) = sync_channel(2);
         let writing = thread::spawn(|| Ok(()));
-        let rate = Rate::new(50.0);
-        let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate, dropped: 0, steps: 0 };
+        let (rate, dropped) = (Rate::new(50.0), Arc::default());
+        let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate, dropped, steps: 0 };
         (0..5).for_each(|_| recorder.note(clock::now(), Severity::Info, "fly", "again"));
         assert_eq!(entries.try_iter().count(), 2);
         recorder.note(clock::now(), Severity::Info, "fly", "there is room again");
@@ -254,8 +234,9 @@ mod tests {
         let to = BufWriter::with_capacity(1 << 20, full);
         let writer = Writer::new(to, &about, 0);
         let (queue, entries) = sync_channel(QUEUE);
-        let writing = thread::spawn(move || write(writer?, &entries, synced, "/dev/full".into()));
-        let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate: Rate::new(50.0), dropped: 0, steps: 0 };
+        let writing = thread::spawn(move || write(writer?, &entries, &AtomicU64::new(0), synced, "/dev/full".into()));
+        let (rate, dropped) = (Rate::new(50.0), Arc::default());
+        let mut recorder = Recorder { queue, writing, utc: Utc::read(), rate, dropped, steps: 0 };
         recorder.note(clock::now(), Severity::Info, "fly", "this is never written");
         let until = clock::now() + Duration::from_secs(30);
         while !recorder.has_failed() {

@@ -86,24 +86,25 @@ pub(super) struct EventLog(Mutex<Kept>);
 
 #[derive(Debug, Default)]
 struct Kept {
-    events: VecDeque<Entry>,
+    events: VecDeque<LoggedEvent>,
     /// Number of events before the first that is kept.
     before: u64,
 }
 
-#[derive(Debug)]
-struct Entry {
+/// An event of a live swarm as it arrived.
+#[derive(Clone, Debug)]
+pub(super) struct LoggedEvent {
     at: Instant,
-    vehicle: VehicleName,
-    text: String,
-    severity: Severity,
+    pub(super) vehicle: VehicleName,
+    pub(super) text: String,
+    pub(super) severity: Severity,
 }
 
 impl EventLog {
     /// Keeps an event that arrived at `at`; the oldest is forgotten when there are too many.
     pub(super) fn add(&self, at: Instant, vehicle: VehicleName, text: String, severity: Severity) {
         let mut kept = self.kept();
-        kept.events.push_back(Entry { at, vehicle, text, severity });
+        kept.events.push_back(LoggedEvent { at, vehicle, text, severity });
         if kept.events.len() > MOST_KEPT {
             kept.events.pop_front();
             kept.before += 1;
@@ -116,18 +117,16 @@ impl EventLog {
         kept.before + kept.events.len() as u64
     }
 
-    /// Vehicle, text and severity of the events from the `from`th on, and the number of the next one.
-    pub(super) fn reported_since(&self, from: u64) -> (Vec<(VehicleName, String, Severity)>, u64) {
+    /// The events from the `from`th on, and the number of the next one.
+    pub(super) fn logged_since(&self, from: u64) -> (Vec<LoggedEvent>, u64) {
         let kept = self.kept();
         let skipped = usize::try_from(from.saturating_sub(kept.before)).unwrap_or(usize::MAX);
-        let reported = |entry: &Entry| (entry.vehicle, entry.text.clone(), entry.severity);
-        (kept.events.iter().skip(skipped).map(reported).collect(), kept.before + kept.events.len() as u64)
+        (kept.events.iter().skip(skipped).cloned().collect(), kept.before + kept.events.len() as u64)
     }
 
-    /// The events from the `from`th on, and the number of the next one; `zero` is when the flight began.
+    /// The events from the `from`th on as pages receive them, and the number of the next one; `zero` is when the flight began.
     pub(super) fn since(&self, from: u64, zero: Option<Instant>) -> (Vec<Event>, u64) {
-        let kept = self.kept();
-        let skipped = usize::try_from(from.saturating_sub(kept.before)).unwrap_or(usize::MAX);
+        let (events, next) = self.logged_since(from);
         let t_s = |at: Instant| {
             let zero = zero?;
             Some(match at.checked_duration_since(zero) {
@@ -140,14 +139,14 @@ impl EventLog {
             let ago_ms = now.saturating_duration_since(at).as_millis();
             utc_ms.saturating_sub(u64::try_from(ago_ms).unwrap_or(u64::MAX))
         };
-        let shown = |entry: &Entry| Event {
-            t_s: t_s(entry.at).map(rounded),
-            at_ms: Some(at_ms(entry.at)),
-            vehicle: Some(entry.vehicle.to_string()),
-            text: entry.text.clone(),
-            level: entry.severity.into(),
+        let shown = |LoggedEvent { at, vehicle, text, severity }| Event {
+            t_s: t_s(at).map(rounded),
+            at_ms: Some(at_ms(at)),
+            vehicle: Some(vehicle.to_string()),
+            text,
+            level: severity.into(),
         };
-        (kept.events.iter().skip(skipped).map(shown).collect(), kept.before + kept.events.len() as u64)
+        (events.into_iter().map(shown).collect(), next)
     }
 
     /// No holder can panic, so poisoning is ignored.

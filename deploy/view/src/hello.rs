@@ -1,4 +1,4 @@
-//! What a page receives first: the swarm, its vehicles, and the scenario that they fly.
+//! The first message to a page: the swarm, its vehicles, and the scenario that they fly.
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -22,7 +22,7 @@ pub(super) enum SourceKind {
     Recording,
 }
 
-/// Permission of the page to give orders.
+/// The rule for orders of the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OrderRule {
     Refused,

@@ -50,7 +50,7 @@ mod terminal;
 mod verdict;
 
 use hello::OrderRule;
-use live::{Frame, Watch};
+use live::{Frame, Watcher};
 pub use mavlink::MavlinkArgs;
 pub use names::NameArgs;
 use names::Names;
@@ -109,7 +109,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Error> {
     if args.terminal {
         return terminal::show(&args.swarm);
     }
-    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    let interrupts = Interrupts::listen()?;
     let (address, foxglove) = match &args.recording {
         Some(path) => {
             let path = recording(path)?;
@@ -155,23 +155,15 @@ pub struct Served<'a> {
     pub orders: &'a OrdersArgs,
 }
 
-/// The page beside a flight.
-#[derive(Clone, Debug)]
-pub struct PageBeside {
-    /// The addresses to open it at, the most useful first.
-    pub addresses: Vec<SocketAddr>,
-    /// The QR code of its address, if another device can open it.
-    pub code: Option<String>,
-}
-
-/// Serves the page of a live swarm that this process flies, for as long as the process runs.
+/// Serves the page of a live swarm that this process flies, for as long as the process runs. Returns the addresses to open it at,
+/// the most useful first, and the QR code of its address, if another device can open it.
 ///
 /// # Errors
 /// If the address is not free, or orders are wanted and cannot be allowed.
-pub fn beside(swarm: SwarmArgs, served: Served<'_>) -> Result<PageBeside, Error> {
+pub fn beside(swarm: SwarmArgs, served: Served<'_>) -> Result<(Vec<SocketAddr>, Option<String>), Error> {
     let addresses = names::addresses(begin_live(swarm, served, None, &MavlinkArgs::default())?);
     let code = code::of(&addresses);
-    Ok(PageBeside { addresses, code })
+    Ok((addresses, code))
 }
 
 /// Serves the page of a live swarm, Foxglove and a ground station.
@@ -181,19 +173,25 @@ fn begin_live(
     foxglove: Option<foxglove::Live>,
     mavlink: &MavlinkArgs,
 ) -> Result<SocketAddr, Error> {
-    let is_reported = option == LISTEN;
     let rule = orders.rule(address.map_or(Ipv4Addr::LOCALHOST.into(), |address| address.ip()))?;
     if rule.is_some() && swarm.file.is_some() {
         // An operator without the keys of a cluster learns it now, not with the first order.
         swarm.choose()?.reach_teams(Role::Operator, &[])?;
     }
     let station = mavlink.station(rule.as_deref())?;
+    let allowed = match &rule {
+        None => OrderRule::Refused,
+        Some(rule) if rule.needs_token() => OrderRule::AllowedWithToken,
+        Some(_) => OrderRule::Allowed,
+    };
     let (listener, address) = listen(address, option)?;
-    begin(listener, rule.clone(), names, |frames| {
+    begin(listener, rule, names, |frames| {
         if let Some(station) = station {
             station.serve(frames.subscribe());
         }
-        live(swarm, rule.as_deref(), foxglove, is_reported, frames)
+        let (watcher, of_thread) = (Watcher::new(swarm, allowed, foxglove, option == LISTEN), frames.clone());
+        thread::spawn(move || watcher.watch(&of_thread));
+        Source::Live(frames)
     })?;
     Ok(address)
 }
@@ -209,24 +207,6 @@ fn recording(path: &Path) -> Result<PathBuf, Error> {
     };
     Player::open(&found).map_err(|error| Error::Refused(error.to_string()))?;
     Ok(found)
-}
-
-/// Watches a live swarm on a thread of its own; what keeps the page empty is written to stderr too if `is_reported`.
-fn live(
-    swarm: SwarmArgs,
-    rule: Option<&Rule>,
-    foxglove: Option<foxglove::Live>,
-    is_reported: bool,
-    frames: watch::Sender<Arc<Frame>>,
-) -> Source {
-    let of_thread = frames.clone();
-    let orders = match rule {
-        None => OrderRule::Refused,
-        Some(rule) if rule.needs_token() => OrderRule::AllowedWithToken,
-        Some(_) => OrderRule::Allowed,
-    };
-    thread::spawn(move || live::watch(Watch { swarm, orders, foxglove, is_reported }, &of_thread, || false));
-    Source::Live(frames)
 }
 
 /// Takes the address that this option gave; without one the first free port of the loopback.
@@ -262,7 +242,7 @@ fn begin(
         tokio::runtime::Builder::new_multi_thread().worker_threads(1).thread_name("view").enable_all().build();
     let runtime = runtime.map_err(failed)?;
     let (frames, _) = watch::channel(Arc::default());
-    let shared = Arc::new(Shared::new(source(frames), rule, Names::new(address, names)));
+    let shared = Arc::new(Shared { source: source(frames), orders: rule, names: Names::new(address, names) });
     let serve = move || runtime.block_on(server::serve(listener, shared));
     thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(failed)?;
     Ok(())

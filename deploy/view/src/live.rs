@@ -46,16 +46,22 @@ pub(super) struct Problem {
     remedy: String,
 }
 
+impl Problem {
+    /// The message about a problem with this text.
+    pub(super) fn message(text: &str, remedy: &str) -> String {
+        json!({ "type": "problem", "text": text, "remedy": remedy }).to_string()
+    }
+}
+
 /// The message about a problem, or about its end.
 pub(super) fn problem_message(problem: Option<&Problem>) -> String {
     match problem {
-        Some(Problem { text, remedy }) => json!({ "type": "problem", "text": text, "remedy": remedy }),
-        None => json!({ "type": "problem", "text": null }),
+        Some(Problem { text, remedy }) => Problem::message(text, remedy),
+        None => json!({ "type": "problem", "text": null }).to_string(),
     }
-    .to_string()
 }
 
-/// What there is to show.
+/// Everything that there is to show.
 #[derive(Default)]
 pub(super) struct Frame {
     /// The first message to a page, and its number: another swarm has another one.
@@ -71,7 +77,7 @@ pub(super) struct Frame {
     pub(super) places: Option<Bytes>,
     /// The swarm that is shown, and that an order of the page is to.
     pub(super) place: Option<Arc<Place>>,
-    /// What the snapshot was made of, for the fields.
+    /// The sources of the snapshot, for the fields.
     swarm: Option<Arc<Vec<Team>>>,
     observed: Vec<Vec<Known>>,
 }
@@ -95,36 +101,11 @@ impl Frame {
     }
 }
 
-/// What is watched, and for whom besides the pages.
-pub(super) struct Watch {
+/// Watches a swarm for pages and for Foxglove.
+pub(super) struct Watcher {
     /// Chooses the swarm.
-    pub(super) swarm: SwarmArgs,
-    /// What the pages receive about orders.
-    pub(super) orders: OrderRule,
-    pub(super) foxglove: Option<foxglove::Live>,
-    /// What keeps the pages empty is written to stderr too.
-    pub(super) is_reported: bool,
-}
-
-/// Watches a swarm for what receives the `frames` and for Foxglove, until `is_over`.
-pub(super) fn watch(watch: Watch, frames: &watch::Sender<Arc<Frame>>, is_over: impl Fn() -> bool) {
-    let Watch { swarm, orders, foxglove, is_reported } = watch;
-    let (events, next_try) = (Arc::default(), clock::now());
-    let report = is_reported.then(ProblemLog::default);
-    let mut watcher =
-        Watcher { swarm, orders, events, number: 0, watched: None, problem: None, next_try, foxglove, report };
-    let mut next = clock::now();
-    while !is_over() {
-        let now = clock::now();
-        watcher.look(now);
-        frames.send_replace(Arc::new(watcher.frame(now, frames.receiver_count() > 0)));
-        next = (next + PERIOD).max(now);
-        clock::sleep(next.saturating_duration_since(clock::now()));
-    }
-}
-
-struct Watcher {
     swarm: SwarmArgs,
+    /// The rule for orders that the pages receive.
     orders: OrderRule,
     events: Arc<EventLog>,
     /// Number of the swarms that were found.
@@ -133,11 +114,11 @@ struct Watcher {
     problem: Option<Problem>,
     next_try: Instant,
     foxglove: Option<foxglove::Live>,
-    /// What was written to stderr, if it is to be.
+    /// The log of problems on stderr, if there is to be one.
     report: Option<ProblemLog>,
 }
 
-/// What the operator at the terminal knows of what keeps the pages empty.
+/// The problems of which the operator at the terminal knows.
 #[derive(Debug, Default)]
 struct ProblemLog {
     /// The present problem, and since when.
@@ -186,6 +167,30 @@ struct Watched {
 }
 
 impl Watcher {
+    /// Nothing is watched yet. If `is_reported`, the reason why the pages are empty is written to stderr too.
+    pub(super) fn new(
+        swarm: SwarmArgs,
+        orders: OrderRule,
+        foxglove: Option<foxglove::Live>,
+        is_reported: bool,
+    ) -> Self {
+        let (events, next_try) = (Arc::default(), clock::now());
+        let report = is_reported.then(ProblemLog::default);
+        Self { swarm, orders, events, number: 0, watched: None, problem: None, next_try, foxglove, report }
+    }
+
+    /// Watches for what receives the `frames`, until the process ends.
+    pub(super) fn watch(mut self, frames: &watch::Sender<Arc<Frame>>) {
+        let mut next = clock::now();
+        loop {
+            let now = clock::now();
+            self.look(now);
+            frames.send_replace(Arc::new(self.frame(now, frames.receiver_count() > 0)));
+            next = (next + PERIOD).max(now);
+            clock::sleep(next.saturating_duration_since(clock::now()));
+        }
+    }
+
     /// Finds the swarm, or takes in what it has sent.
     fn look(&mut self, now: Instant) {
         if now >= self.next_try {
@@ -240,7 +245,7 @@ impl Watcher {
         }
     }
 
-    /// What there is to show now; it is computed only for a page.
+    /// Makes the frame of this moment; a snapshot only for a page.
     fn frame(&mut self, now: Instant, is_wanted: bool) -> Frame {
         let (events, problem) = (Arc::clone(&self.events), self.problem.clone());
         let Some(watched) = &mut self.watched else { return Frame { events, problem, ..Frame::default() } };
@@ -395,7 +400,7 @@ impl Watched {
     }
 }
 
-/// What is known of each vehicle of a team.
+/// The newest data of each vehicle of a team.
 fn observe(team: &Team, observer: &Observer, now: Instant) -> Vec<Known> {
     team.scenario.ids().map(|id| Known::new(id, observer.vehicles().get(&id), None, now)).collect()
 }

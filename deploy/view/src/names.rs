@@ -33,7 +33,7 @@ fn name(text: &str) -> Result<String, String> {
 /// The names of a server.
 #[derive(Debug)]
 pub(super) struct Names {
-    /// Of this PC: names that no website can have.
+    /// This PC's own names, which no website can have.
     own: Vec<String>,
     /// Those of `--name`.
     given: Vec<String>,

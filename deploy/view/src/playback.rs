@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use axum::extract::ws::{Message, WebSocket};
-use serde_json::json;
 use skein_common::id::VehicleId;
 use skein_common::message::EventKind;
 use skein_common::scenario::RecordRate;
@@ -16,6 +15,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval};
 use super::events::{self, Event};
 use super::field::{self, Field};
 use super::hello::{self, OrderRule, SourceKind, Span};
+use super::live::Problem;
 use super::orders;
 use super::snapshot::{Snapshot, Status, Team, Vehicle, add_nearest, team_place, vehicles};
 use super::socket::{Ask, Wishes, send};
@@ -39,8 +39,7 @@ pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) {
         Ok(recording) => recording,
         Err(error) => {
             let remedy = "give `skein view` another file; this page tries again when it is loaded again";
-            let problem = json!({ "type": "problem", "text": error.to_string(), "remedy": remedy });
-            send(&mut socket, Message::text(problem.to_string())).await;
+            send(&mut socket, Message::text(Problem::message(&error.to_string(), remedy))).await;
             // The page would connect again at once.
             while socket.recv().await.is_some_and(|message| message.is_ok()) {}
             return;
@@ -100,7 +99,7 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) 
     }
 }
 
-/// What a page plays.
+/// The playback of one page.
 struct PlayingPage {
     wishes: Wishes,
     /// Where it plays: from this time on, since this instant, at this speed; `None` before its first request.
@@ -170,9 +169,7 @@ impl Recording {
         let (snapshot, observed) = match shown {
             Ok(shown) => shown,
             Err(error) => {
-                let problem =
-                    json!({ "type": "problem", "text": error.to_string(), "remedy": "`skein record --repair`" });
-                return vec![Message::text(problem.to_string())];
+                return vec![Message::text(Problem::message(&error.to_string(), "`skein record --repair`"))];
             }
         };
         let detail = wishes.detail.clone();

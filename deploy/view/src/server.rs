@@ -40,7 +40,7 @@ const MAX_UNSENT: usize = 4 * 1024 * 1024;
 /// Where the swarm is shown: the path of the WebSocket.
 const LIVE: &str = "/live";
 
-/// What the page may load: its own files and its own server.
+/// The sources that the page may load: its own files and its own server.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -52,19 +52,13 @@ pub(super) enum Source {
     Recording(PathBuf),
 }
 
-/// What all requests share.
+/// The state that all requests share.
 pub(super) struct Shared {
     pub(super) source: Source,
     /// The rule by which pages give orders; `None` if they may not.
-    orders: Option<Arc<Rule>>,
+    pub(super) orders: Option<Arc<Rule>>,
     /// The names under which this server may be asked for.
-    names: Names,
-}
-
-impl Shared {
-    pub(super) fn new(source: Source, orders: Option<Arc<Rule>>, names: Names) -> Self {
-        Self { source, orders, names }
-    }
+    pub(super) names: Names,
 }
 
 /// Serves until the runtime ends.

@@ -28,7 +28,7 @@ const MOST_DETAILS: usize = 64;
 /// Largest number of orders of a page that are not answered yet.
 const MOST_ORDERS: usize = 4;
 
-/// What a page asks for.
+/// A request of a page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub(super) enum Ask {
@@ -60,7 +60,7 @@ impl Ask {
     }
 }
 
-/// What a page has asked for.
+/// The wishes of a page for its next snapshots.
 #[derive(Debug, Default)]
 pub(super) struct Wishes {
     /// The vehicles whose details it shows.
@@ -143,7 +143,7 @@ pub(super) async fn serve(mut socket: WebSocket, mut frames: watch::Receiver<Arc
     }
 }
 
-/// What a page has been sent.
+/// A page, and what it has been sent.
 #[derive(Debug, Default)]
 struct LivePage {
     wishes: Wishes,

@@ -6,12 +6,11 @@ use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::EventKind;
 use skein_host::clock;
 use skein_lab::error::Error;
-use skein_lab::metrics::Run;
 
 use super::snapshot::Team;
 use skein_cluster::display::journal::{self, Journal, When};
 use skein_cluster::display::screen::Screen;
-use skein_cluster::display::status::{self, FlightStatus, Known, Stage};
+use skein_cluster::display::status::{self, FlightStatus, Known};
 use skein_cluster::keys::Role;
 use skein_cluster::mesh::observe::{Observer, Observers, SwarmMessage, TraceSubscription};
 use skein_cluster::mesh::reach::SwarmArgs;
@@ -34,7 +33,7 @@ pub(super) fn show(swarm: &SwarmArgs) -> Result<(), Error> {
     for observer in observers.each() {
         observer.subscribe_to_summaries(true)?;
     }
-    let interrupts = Interrupts::listen().map_err(|error| Error::Failed(format!("signals: {error}")))?;
+    let interrupts = Interrupts::listen()?;
     let (began, mut screen) = (clock::now(), Screen::open(false));
     let mut journals = vec![Journal::default(); teams.len()];
     while interrupts.count() == 0 && screen.asked_to_end() == 0 {
@@ -76,19 +75,10 @@ fn awaited(mut all: VehicleSet, what: &EventKind) -> VehicleSet {
 fn flight_status(team: &Team, observer: &Observer, journal: &Journal, now: std::time::Instant) -> FlightStatus {
     let known = |id: VehicleId| Known::new(id, observer.vehicles().get(&id), None, now);
     let known: Vec<Known> = team.scenario.ids().map(known).collect();
-    let rows = status::rows(&known, &team.scenario);
     let flown = known.iter().filter_map(|known| known.flying()?.flown_s);
     FlightStatus {
-        swarm: team.scenario.swarm.name.to_string(),
-        plant: Run::new(&team.scenario, "fly").plant,
-        stage: Stage::Watched,
         flown_s: flown.fold(0.0, f64::max),
-        duration_s: None,
-        out: String::new(),
-        has_gaps: status::has_gaps(&team.scenario, rows.iter().find_map(|row| row.step)),
-        rows,
-        teams: Vec::new(),
-        team: team.id(),
         events: journal.newest(MOST_EVENTS),
+        ..FlightStatus::new(&team.scenario, &known)
     }
 }

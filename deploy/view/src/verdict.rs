@@ -15,7 +15,7 @@ const FEW_FRAMES_HZ: f64 = 45.0;
 /// Largest number of reasons that are listed.
 const MOST_REASONS: usize = 8;
 
-/// What the status of a team is made of: what does not change, what was observed, the rows of its table, and what the page shows.
+/// The sources of a team's status: what does not change, what was observed, the rows of its table, and what the page shows.
 pub(super) struct Judged<'a> {
     pub(super) team: &'a Team,
     pub(super) observed: &'a [Known],
@@ -61,7 +61,7 @@ fn line(teams: &[Judged<'_>], rows: &[Row]) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
-/// What is wrong in one team.
+/// The faults of one team.
 fn reasons_of(judged: &Judged<'_>) -> Vec<(Level, String)> {
     let mut reasons = Vec::new();
     for (known, vehicle) in judged.observed.iter().zip(judged.vehicles) {

@@ -6,6 +6,7 @@
 
 mod book;
 mod clients;
+mod default_formation;
 mod external;
 mod far;
 mod fly;

@@ -64,9 +64,10 @@ fn fleet(path: &Path) -> Given {
 fn summary(described: &Described) -> String {
     let first = &described.first().scenario;
     let duration_s = first.duration_s.unwrap_or(f64::NAN);
-    let Described::Fleet(teams) = described else {
+    if !described.is_fleet() {
         return format!("scenario {} of {} vehicles, {duration_s} s", first.name, first.swarm.vehicles);
-    };
+    }
+    let teams = described.all();
     let count = |is: fn(&Scenario) -> usize| teams.iter().map(|team| is(&team.scenario)).sum::<usize>();
     let places = teams.iter().filter_map(|team| team.scenario.team).map(|team| team.place_ne_m);
     let farthest_m = places.map(|[north_m, east_m]| math::hypot(north_m, east_m)).fold(0.0, f64::max);

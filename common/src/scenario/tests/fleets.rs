@@ -7,8 +7,8 @@ use crate::frame::Origin;
 fn try_teams(text: &str, sets: &[&str]) -> Result<Vec<Loaded>, String> {
     let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
     match load_any(&Source { name: "a.toml", text }, &sets) {
-        Ok(Described::Fleet(teams)) => Ok(teams),
-        Ok(Described::Swarm(_)) => Err("one swarm".to_owned()),
+        Ok(described) if described.is_fleet() => Ok(described.all().to_vec()),
+        Ok(_) => Err("one swarm".to_owned()),
         Err(error) => Err(error.to_string()),
     }
 }
@@ -28,7 +28,7 @@ fn radii_m(teams: &[Loaded]) -> Vec<f64> {
 #[test]
 fn a_file_without_a_fleet_is_read_as_before() {
     let text = "swarm.vehicles = 4\nseed = 7";
-    let Ok(Described::Swarm(swarm)) = load_any(&Source { name: "a.toml", text }, &[]) else { panic!("one swarm") };
+    let swarm = load_any(&Source { name: "a.toml", text }, &[]).unwrap().into_team(None).unwrap();
     let alone = loaded(text, &[]);
     assert_eq!((swarm.scenario.clone(), swarm.to_toml()), (alone.scenario.clone(), alone.to_toml()));
     assert_eq!(swarm.scenario.team, None);

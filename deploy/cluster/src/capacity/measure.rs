@@ -9,7 +9,7 @@ use skein_core::deadlines::HEARTBEAT_PERIOD_S;
 
 use super::message_cost::{self, FRAME_HZ, MessageSize, MessageTime};
 use super::wire::data_output_bytes;
-use crate::os::cpu_s;
+use crate::os::{cores, cpu_s};
 use skein_host::clock::utc_name;
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
@@ -117,11 +117,10 @@ pub fn measure(effort: Effort) -> Result<Measured, Error> {
 }
 
 fn machine() -> String {
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
     let known = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = known.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
     let name = name.map_or(std::env::consts::ARCH, |(_, name)| name.trim());
-    format!("{processors} × {name}, {}", std::env::consts::OS)
+    format!("{} × {name}, {}", cores(), std::env::consts::OS)
 }
 
 /// Processor time to send and to receive a datagram as X-Plane's data output has it, µs.

@@ -57,18 +57,18 @@ pub struct MessageTime {
 /// # Errors
 /// If sessions cannot be opened, or their messages do not arrive.
 pub(super) fn sizes(count: u32) -> Result<[MessageSize; 2], String> {
-    let mut counts = None;
+    let mut first = None;
     let mut pair = LinkEnd::mesh(2, |listener| {
-        let (address, counted) = relay::open(listener)?;
-        counts.get_or_insert(counted);
+        let (address, to_dialler) = relay::open(listener)?;
+        first.get_or_insert(to_dialler);
         Ok(address)
     })?;
-    let counts = counts.ok_or("no link to count on")?;
+    let to_dialler = first.ok_or("no link to count on")?;
     let [one, two] = pair.as_mut_slice() else { return Err("not two sessions".to_owned()) };
     // The second dials the first.
     Ok([
-        size(one, two, &counts.to_dialler, count, LinkEnd::send_state)?,
-        size(one, two, &counts.to_dialler, count, LinkEnd::send_heartbeat)?,
+        size(one, two, &to_dialler, count, LinkEnd::send_state)?,
+        size(one, two, &to_dialler, count, LinkEnd::send_heartbeat)?,
     ])
 }
 

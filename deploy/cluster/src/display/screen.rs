@@ -141,7 +141,8 @@ fn without_colours(picture: &mut Buffer) {
     }
 }
 
-fn say(on_stderr: bool, line: &str) {
+/// Writes a line for people.
+pub fn say(on_stderr: bool, line: &str) {
     if on_stderr { skein_lab::terminal::complain(line) } else { skein_lab::terminal::say(&format!("{line}\n")) }
 }
 

@@ -14,6 +14,7 @@ use skein_common::state::{Activity, Membership};
 use skein_core::formation;
 
 use crate::mesh::observe::VehicleView;
+use skein_lab::metrics::Run;
 use skein_lab::terminal::shortened;
 
 /// A vehicle silent for this long is shown as silent.
@@ -63,6 +64,24 @@ pub struct FlightStatus {
 }
 
 impl FlightStatus {
+    /// A swarm that is only watched, with these vehicles: without time, files and events.
+    pub fn new(scenario: &Scenario, vehicles: &[Known]) -> Self {
+        let rows = rows(vehicles, scenario);
+        Self {
+            swarm: scenario.swarm.name.to_string(),
+            plant: Run::new(scenario, "fly").plant,
+            stage: Stage::Watched,
+            flown_s: 0.0,
+            duration_s: None,
+            out: String::new(),
+            has_gaps: has_gaps(scenario, rows.iter().find_map(|row| row.step)),
+            rows,
+            teams: Vec::new(),
+            team: scenario.team.map(|team| team.id),
+            events: Vec::new(),
+        }
+    }
+
     /// Summary of the swarm, in as many parts as fit into so many columns, the most important first:
     /// `16/16 in formation, worst gap 3.8°, nearest 22.6 m`.
     pub fn summary(&self, columns: usize) -> String {
@@ -142,8 +161,8 @@ pub fn of_fleet(mut teams: Vec<FlightStatus>, out: String) -> FlightStatus {
     events.sort();
     let first = teams.first();
     FlightStatus {
-        swarm: first.map_or_else(String::new, |team| team.swarm.clone()),
-        plant: first.map_or_else(String::new, |team| team.plant.clone()),
+        swarm: first.map(|team| team.swarm.clone()).unwrap_or_default(),
+        plant: first.map(|team| team.plant.clone()).unwrap_or_default(),
         stage: teams.iter().map(|team| team.stage).min().unwrap_or(Stage::Ending),
         flown_s: teams.iter().map(|team| team.flown_s).fold(0.0, f64::max),
         duration_s: first.and_then(|team| team.duration_s),

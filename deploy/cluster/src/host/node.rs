@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use skein_agent::config::fleet;
 use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::VehicleName;
 use skein_common::scenario::{Scenario, Source, load_any};
@@ -248,7 +247,7 @@ impl NodeFolder {
     fn scenario_of(&self, installed: &Installed) -> Option<Scenario> {
         let text = fs::read_to_string(self.install(installed).join(SCENARIO)).ok()?;
         let described = load_any(&Source { name: SCENARIO, text: &text }, &[]).ok()?;
-        fleet::swarm_of(self.id, described).map(|loaded| loaded.scenario)
+        described.into_team(self.id.team).map(|loaded| loaded.scenario)
     }
 }
 

@@ -157,12 +157,10 @@ fn table_of(id: VehicleName) -> String {
 fn check_vehicles(written: &Written<'_>, name: &str, scenario: &Described) -> Result<(), ScenarioError> {
     let teams = scenario.all();
     let ids: Vec<VehicleName> = teams.iter().flat_map(|team| fleet::names(&team.scenario)).collect();
-    let fly = match (scenario, ids.as_slice()) {
-        (Described::Fleet(teams), [first, .., last]) => {
-            format!("{} teams, vehicles {first} to {last}", teams.len())
-        }
-        (_, [first, .., last]) => format!("vehicles {first} to {last}"),
-        (_, only) => format!("vehicle {} only", only.first().map_or_else(String::new, ToString::to_string)),
+    let fly = match ids.as_slice() {
+        [first, .., last] if scenario.is_fleet() => format!("{} teams, vehicles {first} to {last}", teams.len()),
+        [first, .., last] => format!("vehicles {first} to {last}"),
+        only => format!("vehicle {} only", only.first().map_or_else(String::new, ToString::to_string)),
     };
     for team in written.names("team") {
         let path = format!("team.{team}");

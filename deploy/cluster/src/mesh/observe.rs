@@ -19,6 +19,7 @@ use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{
     self, Event, Health, Heartbeat, Message, Order, Reason, StandingOrders, Summary, Trace, VehicleFacts,
 };
+use skein_common::state::Membership;
 use skein_common::topic::{self, Author, Branch, Topic};
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
@@ -100,6 +101,11 @@ pub struct VehicleView {
 }
 
 impl VehicleView {
+    /// Whether the vehicle is an active member of the swarm, or was one, by its newest trace.
+    pub fn is_active(&self) -> bool {
+        self.trace.as_ref().is_some_and(|trace| trace.membership != Membership::Joining)
+    }
+
     /// Forgets the summary of a vehicle in contact, which sends a new one. That of a vehicle that is gone is the last.
     fn forget_summary(&mut self) {
         if self.alive {

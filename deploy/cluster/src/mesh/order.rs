@@ -6,7 +6,6 @@ mod recipients;
 mod result;
 
 use std::collections::BTreeMap;
-use std::thread;
 use std::time::{Duration, Instant};
 
 use skein_common::id::{TeamId, VehicleId, VehicleName, VehicleSet};
@@ -21,6 +20,7 @@ use effect::{Activity, Effect};
 use recipients::Recipients;
 use result::Given;
 use skein_host::clock;
+use skein_host::parallel::at_once;
 use skein_lab::error::Error;
 use skein_lab::terminal::{json, say};
 
@@ -100,7 +100,7 @@ impl VerbArg {
     }
 }
 
-/// What an operator calls these orders: `hold`, or `set formation.radius_m=80, formation.altitude_m=40`.
+/// The orders as an operator writes them: `hold`, or `set formation.radius_m=80, formation.altitude_m=40`.
 fn title(verbs: &[Verb]) -> String {
     let joined = |texts: &mut dyn Iterator<Item = String>| texts.collect::<Vec<_>>().join(", ");
     match settings(verbs).next() {
@@ -170,22 +170,12 @@ pub fn give_to(place: &Place, verb: Verb, chosen: &Chosen) -> Result<(String, bo
 /// Gives the orders to all of them at the same time. Each team agrees on its own: no team waits for another.
 fn give(verbs: &[Verb], recipients: &[Recipients]) -> Result<Vec<Given>, Error> {
     verbs.iter().try_for_each(|verb| Recipients::check(*verb, recipients))?;
-    let give_one = |to: &Recipients| {
+    let give_to = |to: &Recipients| {
         let mut given = Given::default();
-        if let Err(error) = send(to, verbs, &mut given) {
-            given.error = Some(error);
-        }
+        given.error = send(to, verbs, &mut given).err();
         given
     };
-    Ok(thread::scope(|scope| {
-        let given: Vec<_> = recipients.iter().map(|to| (to, scope.spawn(move || give_one(to)))).collect();
-        let joined = given.into_iter().map(|(to, given)| {
-            let failed =
-                |_| Given::failed(Error::Failed(format!("{}: the order to {} failed", title(verbs), to.reach.title())));
-            given.join().unwrap_or_else(failed)
-        });
-        joined.collect()
-    }))
+    Ok(at_once(recipients.iter().map(|to| || give_to(to))))
 }
 
 fn send(to: &Recipients, verbs: &[Verb], given: &mut Given) -> Result<(), Error> {

@@ -54,20 +54,14 @@ pub(super) fn followed(place: &str, surveyor: &Surveyor, scenario: &Scenario) ->
     if wanted(&scenario.plant).is_empty() {
         return Ok(Vec::new());
     }
-    let until = skein_host::clock::now() + FOLLOWS_WITHIN;
-    let paths = SETUP.map(str::to_owned);
-    loop {
-        let survey = surveyor.survey(&paths, 0, ANSWER, false)?;
-        let is_as_wanted = wanted(&scenario.plant).iter().all(|wanted| wanted.is_met(&survey));
-        if is_as_wanted || skein_host::clock::now() >= until {
-            return Ok(compared(place, &survey, scenario));
-        }
-    }
+    let is_as_wanted = |survey: &Survey| wanted(&scenario.plant).iter().all(|wanted| wanted.is_met(survey));
+    let (survey, _) = surveyor.survey_until(&SETUP.map(str::to_owned), ANSWER, FOLLOWS_WITHIN, is_as_wanted)?;
+    Ok(compared(place, &survey, scenario))
 }
 
 /// The time of day and the weight against what the scenario asks for; nothing if it asks for nothing.
 pub fn compared(place: &str, survey: &Survey, scenario: &Scenario) -> Vec<Line> {
-    let line = |wanted: &Wanted| {
+    let line = |wanted: &WantedValue| {
         let Some(found) = survey.value(wanted.path) else {
             return Line::new(place, wanted.what, "not answered").unknown();
         };
@@ -82,7 +76,7 @@ pub fn compared(place: &str, survey: &Survey, scenario: &Scenario) -> Vec<Line> 
 }
 
 /// A value that a scenario asks for.
-struct Wanted {
+struct WantedValue {
     what: &'static str,
     path: &'static str,
     value: f64,
@@ -90,7 +84,7 @@ struct Wanted {
     shown: fn(f64) -> String,
 }
 
-impl Wanted {
+impl WantedValue {
     fn is_met(&self, survey: &Survey) -> bool {
         let Some(found) = survey.value(self.path) else { return false };
         let off = (f64::from(found) - self.value).abs();
@@ -100,13 +94,14 @@ impl Wanted {
     }
 }
 
-fn wanted(plant: &VehicleModel) -> Vec<Wanted> {
+fn wanted(plant: &VehicleModel) -> Vec<WantedValue> {
     let kg: fn(f64) -> String = |kg| format!("{kg:.1} kg");
     let time: fn(f64) -> String = |seconds| {
         let minutes = (seconds / 60.0).round() as i64;
         format!("{:02}:{:02} local time", minutes / 60, minutes % 60)
     };
-    let of = |what, path, value: Option<f64>, within, shown| Some(Wanted { what, path, value: value?, within, shown });
+    let of =
+        |what, path, value: Option<f64>, within, shown| Some(WantedValue { what, path, value: value?, within, shown });
     let local_time_s = plant.local_time_h.map(|hours| hours * SECONDS_OF_AN_HOUR);
     let all = [
         of("time of day", LOCAL_TIME, local_time_s, NOTABLE_S, time),

@@ -10,7 +10,7 @@ use skein_common::scenario::{Scenario, World};
 use skein_lab::error::Error;
 
 use crate::findings::Line;
-use crate::simulators::survey::{Survey, Surveyor};
+use crate::simulators::survey::{Survey, Surveyor, VERSION};
 
 const M_S_PER_KNOT: f64 = 1852.0 / 3600.0;
 const FEET_PER_M: f64 = 1.0 / 0.3048;
@@ -31,7 +31,6 @@ const FOLLOWS_WITHIN: Duration = Duration::from_secs(5);
 const WRITTEN_AT_ONCE: usize = 10;
 const BETWEEN_WRITES: Duration = Duration::from_millis(60);
 const ANSWER: Duration = Duration::from_secs(2);
-const VERSION: &str = "sim/version/xplane_internal_version";
 
 /// The part of X-Plane's range of turbulence that stands for the scenario's gusts.
 fn turbulence(world: &World) -> f64 {
@@ -83,7 +82,7 @@ pub(super) fn of_flight(scenario: &Scenario, place: &Geodetic) -> Value {
     })
 }
 
-/// What has to be written for this weather, in this order.
+/// The datarefs to write for this weather with their values, in this order.
 pub(super) fn writes(world: &World, is_12: bool) -> Vec<(String, f32)> {
     let from_deg = world.wind_from_deg.rem_euclid(360.0);
     let turbulence = MOST_TURBULENT * turbulence(world);
@@ -145,27 +144,10 @@ fn wanted(scenario: &Scenario) -> (f64, f64) {
     (-scenario.world.wind_m_s * sin, scenario.world.wind_m_s * cos)
 }
 
-/// The air at the aircraft against the scenario's, some seconds after it was set.
-pub(super) fn followed(place: &str, surveyor: &Surveyor, scenario: &Scenario) -> Result<Vec<Line>, Error> {
-    Ok(compared(place, &settled(surveyor, scenario)?.0, scenario))
-}
-
-/// Whether the air at the aircraft becomes the scenario's within some seconds.
-pub(super) fn is_followed(surveyor: &Surveyor, scenario: &Scenario) -> Result<bool, Error> {
-    Ok(settled(surveyor, scenario)?.1)
-}
-
-/// The air once it has become the scenario's, or after some seconds, and whether it has.
-fn settled(surveyor: &Surveyor, scenario: &Scenario) -> Result<(Survey, bool), Error> {
-    let until = skein_host::clock::now() + FOLLOWS_WITHIN;
-    let paths = WIND_NOW.map(str::to_owned);
-    loop {
-        let survey = surveyor.survey(&paths, 0, ANSWER, false)?;
-        let is_near = wind_now(&survey).is_some_and(|found| off(found, wanted(scenario)) < NOTABLE_M_S);
-        if is_near || skein_host::clock::now() >= until {
-            return Ok((survey, is_near));
-        }
-    }
+/// The air at the aircraft once it has become the scenario's, or after some seconds, and whether it has.
+pub(super) fn settled(surveyor: &Surveyor, scenario: &Scenario) -> Result<(Survey, bool), Error> {
+    let is_near = |survey: &Survey| wind_now(survey).is_some_and(|found| off(found, wanted(scenario)) < NOTABLE_M_S);
+    surveyor.survey_until(&WIND_NOW.map(str::to_owned), ANSWER, FOLLOWS_WITHIN, is_near)
 }
 
 /// The air at the aircraft against the scenario's.

@@ -10,6 +10,8 @@ use skein_core::helicopter::TICK_S;
 use skein_core::plant::Plant;
 use skein_host::clock;
 
+use super::survey::version_text;
+
 /// How long to wait for the simulator.
 const SIMULATOR: Duration = Duration::from_secs(2);
 /// How long one wait for a position takes at most.
@@ -57,12 +59,6 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
             SIMULATOR.as_secs()
         )),
     }
-}
-
-/// Formats a version number: 121400 is 12.1.4.
-fn version_text(version: u32) -> String {
-    let (major, minor, patch) = (version / 10_000, version / 1_000 % 10, version / 100 % 10);
-    format!("{major}.{minor}.{patch}")
 }
 
 #[cfg(test)]

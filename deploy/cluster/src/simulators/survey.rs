@@ -27,6 +27,12 @@ const ASK_AGAIN: Duration = Duration::from_secs(1);
 pub const SILENT: Duration = Duration::from_secs(2);
 /// Size of the largest datagram that is received.
 const LARGEST: usize = 2048;
+/// Dataref of X-Plane's version number, as [`version_text`] reads it.
+pub const VERSION: &str = "sim/version/xplane_internal_version";
+/// Dataref of the path of the aircraft's file, a character each.
+pub const ACF: &str = "sim/aircraft/view/acf_relative_path";
+/// How long X-Plane may take to show what was written.
+const WRITTEN_WITHIN: Duration = Duration::from_secs(3);
 /// Largest random first index: the indices above it are still positive.
 const FIRST_INDEX_MASK: i32 = 0x3FFF_FFFF;
 
@@ -117,6 +123,37 @@ impl Surveyor {
         Ok(survey)
     }
 
+    /// Asks for these datarefs, `each` time so long, until they are as wanted or the time `within` is over. Returns the last survey,
+    /// and whether it is as wanted.
+    ///
+    /// # Errors
+    /// As [`Self::survey`].
+    pub(crate) fn survey_until(
+        &self,
+        datarefs: &[String],
+        each: Duration,
+        within: Duration,
+        is_wanted: impl Fn(&Survey) -> bool,
+    ) -> Result<(Survey, bool), Error> {
+        let until = clock::now() + within;
+        loop {
+            let survey = self.survey(datarefs, 0, each, false)?;
+            let is_as_wanted = is_wanted(&survey);
+            if is_as_wanted || clock::now() >= until {
+                return Ok((survey, is_as_wanted));
+            }
+        }
+    }
+
+    /// Whether all of these datarefs get this value soon.
+    ///
+    /// # Errors
+    /// As [`Self::survey`].
+    pub fn reads(&self, paths: &[String], value: f32) -> Result<bool, Error> {
+        let are_equal = |survey: &Survey| paths.iter().all(|path| survey.value(path) == Some(value));
+        Ok(self.survey_until(paths, Duration::from_millis(500), WRITTEN_WITHIN, are_equal)?.1)
+    }
+
     /// Writes a value, three times because X-Plane does not acknowledge it.
     pub fn write(&self, path: &str, value: f32) {
         let mut bytes = Vec::new();
@@ -194,29 +231,27 @@ impl Survey {
     }
 
     fn take(&mut self, datagram: &[u8], datarefs: &[String], first: i32, after_s: f64) {
-        match datagram.first_chunk() {
-            Some(&rpos::TAG) => match Position::decode(datagram) {
-                Ok(position) => {
-                    self.position = Some(position);
-                    self.positions_s.push(after_s);
+        if let (Some(&rpos::TAG), Ok(position)) = (datagram.first_chunk(), Position::decode(datagram)) {
+            self.position = Some(position);
+            self.positions_s.push(after_s);
+        } else if let (Some(&rref::TAG), Ok(values)) = (datagram.first_chunk(), rref::decode_values(datagram)) {
+            for (index, value) in values {
+                // Indices of another program's subscription are not ours.
+                let nth = index.checked_sub(first).and_then(|nth| usize::try_from(nth).ok());
+                if let Some(path) = nth.and_then(|nth| datarefs.get(nth)) {
+                    self.values.insert(path.clone(), value);
                 }
-                Err(_) => self.malformed += 1,
-            },
-            Some(&rref::TAG) => match rref::decode_values(datagram) {
-                Ok(values) => {
-                    for (index, value) in values {
-                        // Indices of another program's subscription are not ours.
-                        let nth = index.checked_sub(first).and_then(|nth| usize::try_from(nth).ok());
-                        if let Some(path) = nth.and_then(|nth| datarefs.get(nth)) {
-                            self.values.insert(path.clone(), value);
-                        }
-                    }
-                }
-                Err(_) => self.malformed += 1,
-            },
-            _ => self.malformed += 1,
+            }
+        } else {
+            self.malformed += 1;
         }
     }
+}
+
+/// Formats X-Plane's version number: 121400 is 12.1.4.
+pub fn version_text(version: impl Into<i64>) -> String {
+    let version = version.into();
+    format!("{}.{}.{}", version / 10_000, version / 1_000 % 10, version / 100 % 10)
 }
 
 fn first_index() -> Result<i32, Error> {

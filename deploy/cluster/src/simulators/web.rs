@@ -82,7 +82,7 @@ pub enum WebError {
 
 /// A dataref as X-Plane lists it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Listed {
+pub struct ListedDataref {
     pub(crate) id: u64,
     pub(crate) value_type: String,
 }
@@ -96,7 +96,7 @@ pub struct WebApi {
     pub versions: Vec<String>,
     /// X-Plane's version, `12.4.0`.
     pub simulator: String,
-    datarefs: BTreeMap<String, Listed>,
+    datarefs: BTreeMap<String, ListedDataref>,
 }
 
 impl WebApi {
@@ -144,7 +144,7 @@ impl WebApi {
     }
 
     /// The dataref with this name; `name[2]` is one of an array, or in X-Plane 11's style a name of its own.
-    pub fn find(&self, path: &str) -> Option<&Listed> {
+    pub fn find(&self, path: &str) -> Option<&ListedDataref> {
         let name = path.split_once('[').map_or(path, |(name, _)| name);
         self.datarefs.get(path).or_else(|| self.datarefs.get(name))
     }
@@ -246,10 +246,10 @@ pub fn read_answer(place: &str, status: u16, text: &str) -> Result<Value, WebErr
 }
 
 /// The datarefs in an answer, by their names; `None` if it lists none.
-fn datarefs(answer: &Value) -> Option<BTreeMap<String, Listed>> {
+fn datarefs(answer: &Value) -> Option<BTreeMap<String, ListedDataref>> {
     let entry = |entry: &Value| {
         let value_type = entry["value_type"].as_str()?.to_owned();
-        Some((entry["name"].as_str()?.to_owned(), Listed { id: entry["id"].as_u64()?, value_type }))
+        Some((entry["name"].as_str()?.to_owned(), ListedDataref { id: entry["id"].as_u64()?, value_type }))
     };
     Some(answer["data"].as_array()?.iter().filter_map(entry).collect())
 }

@@ -36,7 +36,11 @@ impl Script {
         let session = LawSession::connection(listener.accept().unwrap().0, |_, _| true).unwrap();
         let (law_output, messages) = sync_channel(QUEUE);
         let vehicles = vehicles.iter().map(|&vehicle| id(vehicle)).collect();
-        Self { conversation: Conversation::new(vehicles, session, messages), law_output, _far_end: far_end }
+        Self {
+            conversation: Conversation::new(vehicles, session, messages, Default::default()),
+            law_output,
+            _far_end: far_end,
+        }
     }
 
     fn say(&self, line: &str) {
@@ -120,4 +124,19 @@ fn the_ticks_of_a_restarted_agent_count_from_zero() {
     law.conversation.send_hellos(&[Hello::new(&scenario.unwrap().scenario, id(1), Time::Virtual)]).unwrap();
     law.answer(1, 0);
     assert_eq!(law.wait_for_answers(0), [1]);
+}
+
+#[test]
+fn a_kind_of_fault_is_reported_once_for_each_vehicle_however_many_sets_of_laws_a_study_has() {
+    let pool = LawPool::default();
+    let of_job = |vehicle: u8, pool: &LawPool| {
+        let mut law = Script::of(&[vehicle]);
+        law.conversation.warned = pool.warned.clone();
+        law.conversation
+    };
+    let (one, same_vehicle, other) = (of_job(1, &pool), of_job(1, &pool.clone()), of_job(2, &pool));
+    let fault = Fault::TooLong;
+    assert!(one.is_first_of_its_kind(&fault) && !one.is_first_of_its_kind(&fault));
+    assert!(!same_vehicle.is_first_of_its_kind(&fault), "another job of the same study");
+    assert!(other.is_first_of_its_kind(&fault) && one.is_first_of_its_kind(&Fault::Late(3)));
 }

@@ -30,7 +30,7 @@ impl Trial {
             LawTransport::Command(_) => {
                 let mut laws = match last.filter(|last| last.transport == transport) {
                     Some(laws) => laws,
-                    None => Programs::start(transport, scenario.ids().take(1))?,
+                    None => Programs::start(transport, scenario.ids().take(1), Default::default())?,
                 };
                 laws.begin_run(scenario)?;
                 self.0 = Some(laws);

@@ -1,6 +1,5 @@
 //! The figures of a fleet: those of all teams in one, and those across teams.
 
-use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use skein_common::id::TeamId;
 
@@ -61,17 +60,22 @@ impl OverTeams {
 }
 
 /// What a flight of a fleet has measured. As JSON it is the `metrics.json` of a fleet.
-#[derive(Debug)]
+#[derive(Debug, Serialize)]
 pub struct FleetReport {
+    #[serde(flatten)]
     run: Run,
     /// Every figure of the fleet, in the order of the tables of figures.
+    #[serde(flatten, serialize_with = "as_map")]
     figures: Vec<(&'static str, Option<f64>)>,
-    never: Vec<String>,
     /// The two vehicles of different teams that came nearest to each other, and when.
+    #[serde(rename = "nearest_across", skip_serializing_if = "Option::is_none")]
     nearest: Option<String>,
+    never: Vec<String>,
     /// The figures of each team.
+    #[serde(skip)]
     pub teams: Vec<(TeamId, Measured)>,
     /// What each vehicle received, as far as it was counted.
+    #[serde(skip)]
     pub traffic: Vec<VehicleTraffic>,
 }
 
@@ -123,7 +127,7 @@ impl FleetReport {
         never.sort();
         never.dedup();
         let nearest = least.map(|(_, (one, other, at_s))| format!("{one} and {other} at {at_s:.2} s"));
-        Self { run, figures, never, nearest, teams: measured, traffic: Vec::new() }
+        Self { run, figures, nearest, never, teams: measured, traffic: Vec::new() }
     }
 
     /// The figures of the whole fleet.
@@ -144,29 +148,9 @@ impl FleetReport {
     }
 }
 
-impl Serialize for FleetReport {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut map = serializer.serialize_map(None)?;
-        let Run { scenario, preset, law, conversion, plant, target, seed, version, revision, vehicles } = &self.run;
-        for (key, text) in
-            [("scenario", scenario), ("preset", preset), ("law", law), ("conversion", conversion), ("plant", plant)]
-        {
-            map.serialize_entry(key, text)?;
-        }
-        map.serialize_entry("target", target)?;
-        map.serialize_entry("seed", seed)?;
-        map.serialize_entry("version", version)?;
-        map.serialize_entry("revision", revision)?;
-        map.serialize_entry("vehicles", vehicles)?;
-        for (key, value) in &self.figures {
-            map.serialize_entry(key, value)?;
-        }
-        if let Some(nearest) = &self.nearest {
-            map.serialize_entry("nearest_across", nearest)?;
-        }
-        map.serialize_entry("never", &self.never)?;
-        map.end()
-    }
+/// The figures as entries of the report's own map.
+fn as_map<S: Serializer>(figures: &[(&'static str, Option<f64>)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(figures.iter().copied())
 }
 
 #[cfg(test)]

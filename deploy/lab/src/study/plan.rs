@@ -107,7 +107,7 @@ impl Plan {
             jobs: args.jobs,
             threads: args.threads,
             is_swept: !args.sweep.is_empty(),
-            is_fleet: matches!(described, Described::Fleet(_)),
+            is_fleet: described.is_fleet(),
             is_live: false,
             host,
             claim: None,

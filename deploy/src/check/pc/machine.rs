@@ -22,7 +22,7 @@ const NO_SPACE: u64 = 64 << 20;
 const ENOUGH_FILES: u64 = 1024;
 /// With fewer open files not even a small swarm flies.
 const FEW_FILES: u64 = 128;
-/// What gives this user the limits that an agent wants.
+/// The file that gives this user the limits that an agent wants.
 const LIMITS_FILE: &str = "/etc/security/limits.d/skein.conf";
 
 /// All lines.
@@ -46,7 +46,7 @@ fn processor(cores: usize, load: Option<f64>) -> Line {
     }
 }
 
-/// What systemd says about the clock: `yes`, `no`, or nothing where it does not run.
+/// Whether systemd keeps the clock synchronised: `yes`, `no`, or nothing where it does not run.
 fn timedatectl() -> Option<String> {
     let mut command = Command::new("timedatectl");
     let output = command.args(["show", "--property=NTPSynchronized", "--value"]).stderr(Stdio::null()).output().ok()?;
@@ -62,7 +62,7 @@ fn clock(synchronised: &Option<String>) -> Line {
     }
 }
 
-/// What an agent asks the system for, asked in the same way.
+/// Asks the system for priority and memory in the way of an agent.
 fn limits() -> [Line; 2] {
     // The priority of this thread alone is raised.
     let priority = thread::spawn(unix::raise_thread_priority).join().unwrap_or_default();

@@ -153,9 +153,9 @@ fn the_states_are_read_by_the_web_api_where_it_answers_and_the_command_that_rese
     for path in ["skein/standin/replay", "skein/standin/crash", RANDOM_FAILURES[0], "skein/standin/speed"] {
         surveyor.write(path, if path.ends_with("speed") { 0.5 } else { 1.0 });
     }
-    assert!(read_until(&surveyor, &[RANDOM_FAILURES[0].to_owned(), REPLAY.to_owned()], 1.0).unwrap());
+    assert!(surveyor.reads(&[RANDOM_FAILURES[0].to_owned(), REPLAY.to_owned()], 1.0).unwrap());
     surveyor.command("sim/operation/pause_on");
-    assert!(read_until(&surveyor, &[PAUSED.to_owned()], 1.0).unwrap());
+    assert!(surveyor.reads(&[PAUSED.to_owned()], 1.0).unwrap());
     let web = web::WebChecks::of(&running.web);
     // What UDP has received says the opposite, or nothing.
     let bad = states("here", &|path| web.number(path).or(Some(0.0)));
@@ -164,7 +164,7 @@ fn the_states_are_read_by_the_web_api_where_it_answers_and_the_command_that_rese
     }
     assert_eq!(random_failures("here", &|path| web.number(path), false).state, State::Warning);
     surveyor.command("sim/operation/pause_off");
-    assert!(read_until(&surveyor, &[PAUSED.to_owned()], 0.0).unwrap());
+    assert!(surveyor.reads(&[PAUSED.to_owned()], 0.0).unwrap());
     assert_eq!(state(&states("here", &|path| web.number(path)), "speed"), State::Warning);
     let found = lines("here", &surveyor, &looked_at(&Profile::default(), None, &running.web)).unwrap();
     assert_eq!((state(&found, "replay"), state(&found, "web commands")), (State::Fault, State::Good), "{found:#?}");
@@ -214,14 +214,14 @@ fn controls_that_a_dead_agent_held_are_given_back() {
     let surveyor = running.surveyor();
     let overrides = ["sim/operation/override/override_joystick".to_owned()];
     surveyor.write(&overrides[0], 1.0);
-    assert!(read_until(&surveyor, &overrides, 1.0).unwrap(), "the agent held them");
+    assert!(surveyor.reads(&overrides, 1.0).unwrap(), "the agent held them");
     let peer = ["sim/operation/override/override_planepath[2]".to_owned()];
     surveyor.write(&peer[0], 1.0);
     let held = lines("here", &surveyor, &looked_at(&Profile::default(), None, &WebChoice::Off)).unwrap();
     assert_eq!(state(&held, "overrides"), State::Warning, "the check does not touch them");
-    assert!(read_until(&surveyor, &overrides, 1.0).unwrap());
+    assert!(surveyor.reads(&overrides, 1.0).unwrap());
     let xplanes = vec![running.address.to_string().parse().unwrap()];
     release(&ReleaseArgs { xplanes, aircraft: "xcell60".to_owned() }).unwrap();
-    assert!(read_until(&surveyor, &overrides, 0.0).unwrap());
-    assert!(read_until(&surveyor, &peer, 0.0).unwrap(), "the aircraft that showed a peer");
+    assert!(surveyor.reads(&overrides, 0.0).unwrap());
+    assert!(surveyor.reads(&peer, 0.0).unwrap(), "the aircraft that showed a peer");
 }

@@ -1,15 +1,14 @@
-//! What X-Plane 12's Web API adds to the checks. UDP is silent about a dataref that does not exist; the Web API says so.
+//! The checks that X-Plane 12's Web API adds. UDP is silent about a dataref that does not exist; the Web API says so.
 
 use skein_core::aircraft::Profile;
 
 use skein_cluster::findings::Line;
 use skein_cluster::simulators::reset::RESET;
-use skein_cluster::simulators::survey::Survey;
+use skein_cluster::simulators::survey::{ACF, Survey, VERSION};
 use skein_cluster::simulators::web::{WebApi, WebChoice, WebError};
 
 /// First version number with a Web API, and the first that starts flights.
 const FIRST: f32 = 121_100.0;
-const ACF: &str = "sim/aircraft/view/acf_relative_path";
 
 /// The Web API as it was found.
 pub(super) enum WebChecks {
@@ -56,7 +55,7 @@ impl WebChecks {
                 line(format!("{at} refuses everything"))
                     .warning("set Settings, Network, \"Accept incoming connections\""),
             ],
-            Self::Not(_) if survey.value(super::VERSION).is_some_and(|version| version < FIRST) => {
+            Self::Not(_) if survey.value(VERSION).is_some_and(|version| version < FIRST) => {
                 vec![line("X-Plane before 12.1.1 has none, and needs none to fly".to_owned())]
             }
             Self::Not(error) => vec![line(format!("{error}; not needed to fly")).unknown()],
@@ -89,17 +88,10 @@ fn commands(place: &str, api: &WebApi) -> Option<Line> {
 
 /// Each dataref of the aircraft's file that X-Plane does not list.
 fn missing(place: &str, api: &WebApi, profile: &Profile) -> Vec<Line> {
-    let all = profile.datarefs();
-    let missing: Vec<Line> = all
-        .iter()
-        .filter(|dataref| api.find(dataref.as_str()).is_none())
-        .map(|dataref| {
-            Line::new(place, "web datarefs", format!("{}: X-Plane has no such dataref", dataref.as_str()))
-                .fault("correct the table [xplane] of the aircraft's file, or load the aircraft that it is for")
-        })
-        .collect();
-    if missing.is_empty() {
-        return vec![Line::new(place, "web datarefs", format!("all {} of the aircraft's file exist", all.len()))];
-    }
-    missing
+    let line = |found: String| Line::new(place, "web datarefs", found);
+    let missing = |path: &str| {
+        let remedy = "correct the table [xplane] of the aircraft's file, or load the aircraft that it is for";
+        api.find(path).is_none().then(|| line(format!("{path}: X-Plane has no such dataref")).fault(remedy))
+    };
+    super::each_dataref(profile, missing, |all| line(format!("all {all} of the aircraft's file exist")))
 }

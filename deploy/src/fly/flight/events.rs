@@ -1,4 +1,4 @@
-//! What `fly` itself does to the swarm: the scenario's events, and orders.
+//! The actions of `fly` itself on the swarm: the scenario's events, and orders.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! What is measured of a flight, and what is written of that.
+//! The figures of a flight: how they are measured and written.
 
 use std::time::Instant;
 
@@ -84,7 +84,7 @@ impl Flight {
         self.traffic = self.received_per_vehicle();
     }
 
-    /// What each vehicle of a team has received so far, as far as its agent has reported.
+    /// The messages that each vehicle of a team has received so far, by the report of its agent.
     fn received_per_vehicle(&self) -> Vec<VehicleTraffic> {
         let Some(team) = self.plan.scenario().team else { return Vec::new() };
         let row = |(vehicle, seen): (&VehicleId, &VehicleView)| {

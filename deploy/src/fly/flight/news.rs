@@ -24,17 +24,12 @@ impl Flight {
         self.show(now, what);
     }
 
-    /// Shows what this process did or found.
-    pub(super) fn show(&mut self, now: Instant, what: String) {
+    /// Shows what this process did or found, or another line that is about no vehicle.
+    pub fn show(&mut self, now: Instant, what: String) {
         // It may contain the last output of a process.
         let what = printable(&what, MAX_EVENT);
         self.stream(now, Line::Note { text: what.clone() });
         self.journal.add(self.when(now), what);
-    }
-
-    /// Shows a line that is about no vehicle.
-    pub fn tell(&mut self, now: Instant, what: String) {
-        self.show(now, what);
     }
 
     /// Shows what happened to a vehicle; an event that several vehicles share is one line.
@@ -103,7 +98,7 @@ impl Flight {
         self.happened.push(Happened { at, window_s, line });
     }
 
-    /// What has happened since the last time.
+    /// Takes what has happened since the last call.
     pub fn take_happened(&mut self) -> Vec<Happened> {
         std::mem::take(&mut self.happened)
     }

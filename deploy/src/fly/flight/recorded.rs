@@ -1,4 +1,4 @@
-//! What is recorded of a flight: all of it in a recording of its own, or, in a fleet, what the fleet's recording needs.
+//! The recording of a flight, and what the recording of its fleet needs of it.
 
 use std::time::Instant;
 
@@ -13,7 +13,6 @@ use skein_lab::error::Error;
 use skein_lab::faults::InjectedFault;
 use skein_lab::metrics::Run;
 use skein_lab::record::{self, RecordingInfo};
-use skein_lab::recording::NotedKind;
 
 impl Flight {
     /// Records something in the flight's own recording, if it has one.
@@ -26,20 +25,7 @@ impl Flight {
     /// Records a fault that was injected.
     pub(super) fn record_fault(&mut self, now: Instant, fault: &InjectedFault) {
         self.record(|recorder| recorder.fault(now, None, fault));
-        self.note(now, NotedKind::Fault(fault.clone()));
         self.stream(now, Line::of_fault(fault));
-    }
-
-    /// Keeps what happened to a team for the recording of its fleet.
-    pub(super) fn note(&mut self, at: Instant, what: NotedKind) {
-        if self.plan.scenario().team.is_some() {
-            self.noted.push((at, what));
-        }
-    }
-
-    /// What has happened to a team since the last time.
-    pub fn take_noted(&mut self) -> Vec<(Instant, NotedKind)> {
-        std::mem::take(&mut self.noted)
     }
 
     /// Whether the clock of the flight runs, or has run.

@@ -31,7 +31,7 @@ pub(super) struct Playback {
     has_jumped: bool,
 }
 
-/// What is to be sent now: the messages after one log time up to another, ns.
+/// The messages to be sent now: those after one log time up to another, ns.
 #[derive(Debug, PartialEq, Eq)]
 struct Due {
     after_ns: u64,

@@ -1,4 +1,4 @@
-//! What a ground station is sent of a swarm, and how its requests are answered: without a clock and without a socket.
+//! Turns a swarm into messages for a ground station, and answers its requests: without a clock and without a socket.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -50,7 +50,7 @@ pub(super) struct Requested {
     from: (u8, u8),
 }
 
-/// What follows from a message of the ground station.
+/// The answers to a message of the ground station, and the order that it gives.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Reaction {
     pub(super) answers: Vec<Outgoing>,
@@ -82,7 +82,7 @@ impl SystemIds {
     }
 }
 
-/// What is known of one vehicle, and what was sent of it.
+/// One vehicle as a system of MAVLink, with what was sent of it.
 struct System {
     name: VehicleName,
     uid: [u8; UID],
@@ -140,7 +140,7 @@ impl Bridge {
         texts.into_iter().map(|message| (system, message)).collect()
     }
 
-    /// What follows from a message of a ground station.
+    /// Answers a message of a ground station.
     pub(super) fn receive(&mut self, header: MavHeader, message: &MavMessage) -> Reaction {
         let from = (header.system_id as u8, header.component_id);
         let Some((system, component)) = target(message) else { return Reaction::default() };

@@ -1,8 +1,8 @@
-//! What the commands of a ground station mean for a vehicle of a swarm.
+//! The meaning of a ground station's commands for a vehicle of a swarm.
 
 #![expect(deprecated, reason = "QGroundControl and MAVSDK still send what newer messages replace")]
 
-use mavlink::dialects::common::{COMMAND_INT_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, SET_MODE_DATA};
+use mavlink::dialects::common::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 
 use super::modes::Mode;
 
@@ -17,7 +17,7 @@ pub(super) struct VehicleCommand {
     pub(super) is_acknowledged: bool,
 }
 
-/// What a vehicle is to do.
+/// An action that a ground station wants of a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wanted {
     /// Descend where it is.
@@ -30,7 +30,7 @@ pub(super) enum Wanted {
     Return,
 }
 
-/// What a command means.
+/// The meaning of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Meaning {
     /// An order.
@@ -45,46 +45,34 @@ pub(super) enum Meaning {
     Unsupported,
 }
 
-impl From<&COMMAND_LONG_DATA> for VehicleCommand {
-    fn from(long: &COMMAND_LONG_DATA) -> Self {
-        let COMMAND_LONG_DATA { param1, param2, param3, param4, param5, param6, param7, .. } = *long;
-        let parameters = [param1, param2, param3, param4, param5, param6, param7];
-        let (system, component) = (long.target_system, long.target_component);
-        Self { command: long.command, parameters, system, component, is_acknowledged: true }
-    }
-}
-
-impl From<&COMMAND_INT_DATA> for VehicleCommand {
-    fn from(int: &COMMAND_INT_DATA) -> Self {
-        // The largest integer is an unset coordinate.
-        let coordinate = |number: i32| if number == i32::MAX { f32::NAN } else { number as f32 };
-        let parameters = [int.param1, int.param2, int.param3, int.param4, coordinate(int.x), coordinate(int.y), int.z];
-        let (system, component) = (int.target_system, int.target_component);
-        Self { command: int.command, parameters, system, component, is_acknowledged: true }
-    }
-}
-
-impl From<&SET_MODE_DATA> for VehicleCommand {
-    fn from(set: &SET_MODE_DATA) -> Self {
-        let (main, sub) = Mode::split(set.custom_mode);
-        let parameters = [1.0, main as f32, sub as f32, 0.0, 0.0, 0.0, 0.0];
-        let command = MavCmd::MAV_CMD_DO_SET_MODE;
-        Self { command, parameters, system: set.target_system, component: 0, is_acknowledged: false }
-    }
-}
-
 impl VehicleCommand {
     /// The command in this message, if it carries one.
     pub(super) fn of(message: &MavMessage) -> Option<Self> {
-        match message {
-            MavMessage::COMMAND_LONG(long) => Some(long.into()),
-            MavMessage::COMMAND_INT(int) => Some(int.into()),
-            MavMessage::SET_MODE(set) => Some(set.into()),
-            _ => None,
-        }
+        // The largest integer is an unset coordinate.
+        let coordinate = |number: i32| if number == i32::MAX { f32::NAN } else { number as f32 };
+        let (command, parameters, system, component) = match message {
+            MavMessage::COMMAND_LONG(long) => {
+                let COMMAND_LONG_DATA { param1, param2, param3, param4, param5, param6, param7, .. } = *long;
+                let parameters = [param1, param2, param3, param4, param5, param6, param7];
+                (long.command, parameters, long.target_system, long.target_component)
+            }
+            MavMessage::COMMAND_INT(int) => {
+                let (x, y) = (coordinate(int.x), coordinate(int.y));
+                let parameters = [int.param1, int.param2, int.param3, int.param4, x, y, int.z];
+                (int.command, parameters, int.target_system, int.target_component)
+            }
+            MavMessage::SET_MODE(set) => {
+                let (main, sub) = Mode::split(set.custom_mode);
+                let parameters = [1.0, main as f32, sub as f32, 0.0, 0.0, 0.0, 0.0];
+                (MavCmd::MAV_CMD_DO_SET_MODE, parameters, set.target_system, 0)
+            }
+            _ => return None,
+        };
+        let is_acknowledged = !matches!(message, MavMessage::SET_MODE(_));
+        Some(Self { command, parameters, system, component, is_acknowledged })
     }
 
-    /// What it means.
+    /// The meaning of the command.
     pub(super) fn meaning(&self) -> Meaning {
         let [first, second, third, _, fifth, sixth, _] = self.parameters;
         match self.command {

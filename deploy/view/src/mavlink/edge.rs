@@ -150,9 +150,9 @@ impl Edge {
         let now = clock::now().saturating_duration_since(self.began);
         let Some((_, bridge)) = &mut self.bridge else { return };
         let mut messages = bridge.step(now, teams, observed);
-        let (events, next) = frame.events.reported_since(self.next_event);
+        let (events, next) = frame.events.logged_since(self.next_event);
         self.next_event = next;
-        messages.extend(events.iter().flat_map(|(vehicle, text, severity)| bridge.event(*vehicle, text, *severity)));
+        messages.extend(events.iter().flat_map(|event| bridge.event(event.vehicle, &event.text, event.severity)));
         self.send(messages);
     }
 

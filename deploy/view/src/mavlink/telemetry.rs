@@ -1,4 +1,4 @@
-//! What a vehicle's summary is in MAVLink: its units, frames and signs. Velocities and headings are local there: they refer to
+//! Writes a vehicle's summary as MAVLink, in its units, frames and signs. Velocities and headings are local there: they refer to
 //! the meridian of the vehicle's position. What a summary does not have is sent as unknown.
 
 use mavlink::dialects::common::{

@@ -364,7 +364,7 @@ fn no_ground_station_starts_or_stops_a_rotor_whatever_the_rotor_does() {
     }
 }
 
-/// What the book's table has no line for is denied with a text, or unsupported; nothing is accepted without being done.
+/// A command without a line in the book's table is denied with a text, or unsupported; nothing is accepted without being done.
 #[test]
 fn every_other_command_is_refused() {
     let known = [

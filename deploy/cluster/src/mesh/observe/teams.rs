@@ -1,11 +1,10 @@
 //! Observes all of a cluster: its swarm, or every team of its fleet.
 
-use std::panic::resume_unwind;
-use std::thread;
 use std::time::Instant;
 
 use skein_common::id::VehicleName;
 use skein_common::message::Health;
+use skein_host::parallel::at_once;
 
 use super::{ObserveError, Observer, TraceSubscription, VehicleView, run_in_flight};
 use crate::mesh::reach::Reach;
@@ -19,11 +18,8 @@ impl Observers {
     /// # Errors
     /// The errors of [`Observer::open`].
     pub fn open(reaches: &[Reach], steps: TraceSubscription) -> Result<Self, ObserveError> {
-        let opened: Result<Vec<_>, _> = thread::scope(|scope| {
-            let opening: Vec<_> = reaches.iter().map(|reach| scope.spawn(|| Observer::open(reach, steps))).collect();
-            opening.into_iter().map(|opening| opening.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
-        });
-        opened.map(Self)
+        let opened = at_once(reaches.iter().map(|reach| || Observer::open(reach, steps)));
+        opened.into_iter().collect::<Result<_, _>>().map(Self)
     }
 
     /// The observer of each swarm or team, in the order of the teams.

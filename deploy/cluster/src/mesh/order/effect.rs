@@ -13,7 +13,7 @@ use crate::mesh::observe::Observer;
 /// Longest list of steps that is printed in full.
 const MAX_LISTED: usize = 12;
 
-/// What a vehicle does, as far as an order can change it.
+/// The activity of a vehicle, as far as an order can change it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Activity {
     /// It is joining: not an active member yet.
@@ -63,7 +63,7 @@ impl fmt::Display for Activity {
     }
 }
 
-/// What each of these vehicles that is in contact does now; all vehicles without a set.
+/// The present activity of each of these vehicles that is in contact; without a set, of all vehicles.
 pub(super) fn activities(observer: &Observer, vehicles: Option<VehicleSet>) -> BTreeMap<VehicleId, Activity> {
     let is_asked = |id: VehicleId| vehicles.is_none_or(|vehicles| vehicles.contains(id));
     let there = observer.vehicles().iter().filter(|(id, view)| view.alive && is_asked(**id));
@@ -74,7 +74,7 @@ pub(super) fn activities(observer: &Observer, vehicles: Option<VehicleSet>) -> B
     activity.collect()
 }
 
-/// What an order has changed.
+/// The effect of an order.
 #[derive(Default)]
 pub(super) struct Effect {
     /// For each vehicle in contact after the order: what it did before, if that is known, and what it does now.
@@ -86,7 +86,7 @@ impl Effect {
         Self { changes: after.into_iter().map(|(id, after)| (id, (before.get(&id).copied(), after))).collect() }
     }
 
-    /// What each vehicle in contact did before, if that is known, and what it does now.
+    /// The activity of each vehicle in contact before the order, if that is known, and now.
     pub(super) fn as_texts(&self) -> impl Iterator<Item = (VehicleId, Option<String>, String)> {
         let text = |(id, (before, after)): (&VehicleId, &(Option<Activity>, Activity))| {
             (*id, before.map(|before| before.to_string()), after.to_string())

@@ -1,4 +1,4 @@
-//! What became of an order in one swarm, for people and for programs.
+//! The result of an order in one swarm, for people and for programs.
 
 use serde_json::{Value, json};
 use skein_common::id::{FleetVehicle, SwarmName, VehicleId, VehicleName, VehicleSet};
@@ -8,7 +8,7 @@ use super::recipients::Recipients;
 use crate::mesh::reach::Reach;
 use skein_lab::error::Error;
 
-/// What became of an order in one swarm, or in one team of a fleet.
+/// The result of an order in one swarm, or in one team of a fleet.
 #[derive(Default)]
 pub(super) struct Given {
     /// Vehicles that have accepted it.
@@ -17,7 +17,7 @@ pub(super) struct Given {
     pub(super) unresponsive: Vec<VehicleId>,
     /// Vehicles out of contact that have not accepted it.
     pub(super) silent: Vec<VehicleId>,
-    /// What it has changed.
+    /// Its effect.
     pub(super) effect: Effect,
     /// Whether it sets keys: it then changes nothing that [`Self::effect`] could show.
     pub(super) is_setting: bool,
@@ -26,11 +26,6 @@ pub(super) struct Given {
 }
 
 impl Given {
-    /// An order that was not sent.
-    pub(super) fn failed(error: Error) -> Self {
-        Self { error: Some(error), ..Self::default() }
-    }
-
     /// The sentence for people.
     ///
     /// # Errors
@@ -60,7 +55,7 @@ impl Given {
     }
 }
 
-/// What became of the order in all swarms that it was sent to, and whether every vehicle has accepted it and it has changed
+/// The result of the order in all swarms that it was sent to, and whether every vehicle has accepted it and it has changed
 /// something everywhere: `land: taken by 7 of 8; 3 does not answer; vehicle 1-2, 4-8: step 0 -> landing`.
 pub(super) fn in_one_line(title: &str, recipients: &[Recipients], results: &[Given]) -> (String, bool) {
     let all = || recipients.iter().map(|to| &to.reach).zip(results);
@@ -163,7 +158,7 @@ mod tests {
 
         let team = |number| Reach { branch: Branch::of(TeamId::new(number).ok()), ..reach.clone() };
         let teams = [to(&team(1)), to(&team(2))];
-        let lost = Given::failed(Error::Failed("no vehicle answered".to_owned()));
+        let lost = Given { error: Some(Error::Failed("no vehicle answered".to_owned())), ..Given::default() };
         let fleet = as_json(&swarm, "hold", "1-2".parse().ok(), &teams, &[given(), lost]);
         assert_eq!((&one["vehicles"], &fleet["vehicles"]), (&json!(null), &json!([1, 2])));
         assert_eq!((&fleet["accepted"], &fleet["errors"]), (&json!(["1/1"]), &json!(["no vehicle answered"])));
