@@ -3,6 +3,7 @@
 use std::num::NonZeroUsize;
 
 use skein_common::statistics::median;
+use skein_lab::metrics::Measured;
 
 use crate::{fleet, in_parallel};
 
@@ -53,9 +54,10 @@ pub fn table(seeds: u64) -> String {
     for (name, change) in cases() {
         let text = file(&change);
         let flown = in_parallel(0..seeds, |seed| {
-            let report = fleet(&text, seed).fly(NonZeroUsize::MIN, None).expect("a fleet that flies").0.measured();
+            let (report, _) = fleet(&text, seed).fly(NonZeroUsize::MIN, None).expect("a fleet that flies");
+            let measured = Measured::of(&report);
             ["collisions", "setpoints_reached", "across_separation_m"]
-                .map(|key| report.figures[key].unwrap_or(f64::NAN))
+                .map(|key| measured.value(key).unwrap_or(f64::NAN))
         });
         let of = |nth: usize| flown.iter().map(move |figures| figures[nth]);
         let mut apart_m: Vec<f64> = of(2).collect();

@@ -26,7 +26,7 @@ pub struct Cli {
     pub command: Command,
 }
 
-/// What a study program can do.
+/// The commands of a study program.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Fly a scenario in virtual time, many seeds at once, and measure it
@@ -52,7 +52,7 @@ pub fn finish(done: Result<(), Error>) -> ExitCode {
     done.and_then(|()| printed()).map_or_else(|error| error.report(), |()| ExitCode::SUCCESS)
 }
 
-/// What a command printed has reached stdout.
+/// Checks that everything which a command printed has reached stdout.
 fn printed() -> Result<(), Error> {
     match lost() {
         Some(why) => {

@@ -13,7 +13,8 @@
 //!   is *unclear*.
 //! * *better* likewise, unless something is worse; *same*: no difference is shown.
 //!
-//! Of forty figures that differ by chance alone, one looks worse. A test that has to decide names its figures (`--only`).
+//! One of forty figures that differ by chance alone looks worse. A test that has to decide names its figures
+//! (`--only`).
 //!
 //! If the two sides are different targets (`study`, `fly`) or plants, neither is better or worse: see [`divergence`].
 
@@ -37,7 +38,7 @@ use crate::terminal::json;
 use crate::terminal::say;
 use folder::Folder;
 use pairs::{Paired, PairedPoint};
-pub use verdict::{Compared, NEGLIGIBLE, Side, Verdict};
+pub use verdict::{Compared, NEGLIGIBLE, Verdict};
 
 /// `skein compare`
 #[derive(Clone, Debug, clap::Args)]
@@ -62,7 +63,7 @@ pub struct CompareArgs {
 /// Compares and prints. Exit status: 0 nothing is worse, 1 something is, 2 an argument at fault.
 ///
 /// # Errors
-/// What is worse, by name; or folders that cannot be compared.
+/// The figures that are worse, by name; or folders that cannot be compared.
 pub fn run(args: &CompareArgs) -> Result<(), Error> {
     check_figures(&args.only)?;
     let (a, b) = (Folder::read(&args.a)?, Folder::read(&args.b)?);
@@ -109,15 +110,15 @@ fn refusal(unknown: &str) -> String {
 /// The complete result of a comparison.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
-    /// What is compared with.
+    /// The runs to compare with.
     pub a: PathBuf,
-    /// What is judged.
+    /// The runs that are judged.
     pub b: PathBuf,
     /// Keys of the scenario in which they differ, with the value in A and in B.
     pub differ: Map<String, Value>,
     /// Runs without a partner, in A and in B.
     pub unpaired: [usize; 2],
-    /// Of the intervals.
+    /// Confidence of the intervals.
     pub confidence: f64,
     /// Figures that are worse at some point.
     pub worse: Vec<String>,
@@ -128,7 +129,7 @@ pub struct Comparison {
 /// One point of a sweep, or the only one.
 #[derive(Clone, Debug, Serialize)]
 pub struct ComparedPoint {
-    /// What is set there, as `--set` takes it; empty without a sweep.
+    /// The keys that are set there, as `--set` takes them; empty without a sweep.
     pub set: Vec<String>,
     /// Pairs of runs.
     pub pairs: usize,

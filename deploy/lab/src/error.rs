@@ -1,10 +1,10 @@
 //! The errors that end a command: each is reported once, with the exit status that scripts rely on.
 
-use std::fmt;
 use std::io;
+use std::ops::Range;
 use std::process::ExitCode;
 
-use miette::{Diagnostic, GraphicalReportHandler, LabeledSpan, NamedSource, SourceCode};
+use miette::{Diagnostic, GraphicalReportHandler, NamedSource};
 use skein_common::scenario::ScenarioError;
 
 /// The reason why a command failed.
@@ -50,8 +50,12 @@ impl Error {
     /// The line of the file with the error marked, if a file is invalid.
     fn drawn(&self) -> Option<String> {
         let Self::Scenario { fault, text } = self else { return None };
-        let span = fault.span.clone()?;
-        let marked = Marked { fault, span, source: NamedSource::new(&*fault.file, text.clone()) };
+        let marked = Marked {
+            message: fault.message.to_string(),
+            help: fault.help.as_ref().map(ToString::to_string),
+            span: fault.span.clone()?,
+            text: NamedSource::new(&*fault.file, text.clone()),
+        };
         let mut drawn = String::new();
         GraphicalReportHandler::new().render_report(&mut drawn, &marked).ok()?;
         Some(drawn)
@@ -69,35 +73,17 @@ pub fn of_writing(error: &io::Error) -> String {
 }
 
 /// An error together with the text of its file, for miette.
-#[derive(Debug)]
-struct Marked<'a> {
-    fault: &'a ScenarioError,
-    span: std::ops::Range<usize>,
-    source: NamedSource<String>,
+#[derive(Debug, thiserror::Error, Diagnostic)]
+#[error("{message}")]
+struct Marked {
+    message: String,
+    #[help]
+    help: Option<String>,
+    #[label("here")]
+    span: Range<usize>,
+    #[source_code]
+    text: NamedSource<String>,
 }
-
-impl fmt::Display for Marked<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.fault.message)
-    }
-}
-
-impl std::error::Error for Marked<'_> {}
-
-impl Diagnostic for Marked<'_> {
-    fn help(&self) -> Option<Box<dyn fmt::Display + '_>> {
-        self.fault.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
-    }
-
-    fn source_code(&self) -> Option<&dyn SourceCode> {
-        Some(&self.source)
-    }
-
-    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        Some(Box::new([LabeledSpan::new_with_span(Some("here".to_owned()), self.span.clone())].into_iter()))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use skein_common::scenario::{Source, load};

@@ -121,9 +121,7 @@ impl LawPool {
             Some(laws) => laws,
             None => Programs::start(transport, scenario.ids(), self.warned.clone())?,
         };
-        let timeout = self.timeout.unwrap_or(LAW_TIMEOUT);
-        laws.conversations.iter_mut().for_each(|conversation| conversation.timeout = timeout);
-        laws.timeout = timeout;
+        laws.timeout = self.timeout.unwrap_or(LAW_TIMEOUT);
         laws.begin_run(scenario)?;
         Ok(Some(Laws::Programs(laws)))
     }
@@ -195,8 +193,6 @@ struct Conversation {
     vehicles: Vec<VehicleId>,
     session: LawSession,
     messages: Receiver<LawInput>,
-    /// How long the law may send nothing.
-    timeout: Duration,
     /// Whether the law has sent anything in this session.
     has_answered: bool,
     /// Vehicles and ticks of this run's queries that are closed: answered, or given up because an invalid line came in
@@ -260,17 +256,16 @@ impl Programs {
         self.hellos = scenario.ids().map(|id| Hello::new(scenario, id, Time::Virtual)).collect();
         self.has_asked.values_mut().for_each(|has_asked| *has_asked = false);
         if self.listener.is_some() && self.conversations.iter_mut().all(Conversation::has_ended) {
-            let timeout = self.timeout;
-            self.conversations = vec![Conversation { timeout, ..self.accept()? }];
+            self.conversations = vec![self.accept()?];
         }
         for conversation in &mut self.conversations {
             // Answers that are left from the last run do not belong to this one.
             drop(conversation.messages.try_iter().take(QUEUE).last());
             conversation.send_hellos(&self.hellos)?;
         }
-        self.conversations
-            .iter_mut()
-            .try_for_each(|conversation| conversation.wait_until_ready(conversation.vehicles.len()))
+        let timeout = self.timeout;
+        let mut all = self.conversations.iter_mut();
+        all.try_for_each(|conversation| conversation.wait_until_ready(conversation.vehicles.len(), timeout))
     }
 
     /// Waits for the law that serves all vehicles.
@@ -294,7 +289,7 @@ impl Programs {
         Ok(Conversation::new(vehicles, session, messages, self.warned.clone()))
     }
 
-    /// As [`Laws::serve`].
+    /// Serves the world as [`Laws::serve`] does.
     fn serve(&mut self, world: &mut World) -> Result<(), LawError> {
         let asks = world.take_asks();
         for ask in asks.iter().filter(|ask| ask.tick == 0) {
@@ -310,7 +305,7 @@ impl Programs {
             open.push(its);
         }
         for (conversation, open) in self.conversations.iter_mut().zip(open) {
-            conversation.wait_for_answers(open, |answer| world.answer(answer))?;
+            conversation.wait_for_answers(open, self.timeout, |answer| world.answer(answer))?;
             let vehicle = conversation.first_vehicle();
             conversation.refusals.drain(..).for_each(|reason| world.refuse(vehicle, reason));
         }
@@ -321,7 +316,7 @@ impl Programs {
         let hellos: Vec<_> = self.hellos.iter().filter(|hello| hello.vehicle == id).cloned().collect();
         for conversation in self.conversations.iter_mut().filter(|it| it.vehicles.contains(&id)) {
             conversation.send_hellos(&hellos)?;
-            conversation.wait_until_ready(1)?;
+            conversation.wait_until_ready(1, self.timeout)?;
         }
         Ok(())
     }
@@ -346,7 +341,6 @@ impl Conversation {
             vehicles,
             session,
             messages,
-            timeout: LAW_TIMEOUT,
             has_answered: false,
             closed: BTreeSet::new(),
             warned,
@@ -388,13 +382,13 @@ impl Conversation {
     }
 
     /// Waits until the law has reported `times` times that it is ready. Answers before that belong to the last run.
-    fn wait_until_ready(&mut self, mut times: usize) -> Result<(), LawError> {
+    fn wait_until_ready(&mut self, mut times: usize, timeout: Duration) -> Result<(), LawError> {
         if self.session.uses_vectors() {
             return Ok(());
         }
         let since = now();
         while times > 0 {
-            match self.next(since, "a ready")? {
+            match self.next(since, timeout, "a ready")? {
                 Some(Ok(MessageFromLaw::Ready)) => times -= 1,
                 Some(Ok(MessageFromLaw::LawReply(_))) | None => {}
                 Some(Err(fault)) => self.warn_once(&fault),
@@ -406,11 +400,16 @@ impl Conversation {
     /// Waits until every query is answered, or until as many invalid lines came as queries are open.
     ///
     /// Each invalid line counts in place of one answer: if that answer comes later, it does not answer the next query.
-    fn wait_for_answers(&mut self, mut open: Vec<&LawQuery>, mut give: impl FnMut(LawReply)) -> Result<(), LawError> {
+    fn wait_for_answers(
+        &mut self,
+        mut open: Vec<&LawQuery>,
+        timeout: Duration,
+        mut give: impl FnMut(LawReply),
+    ) -> Result<(), LawError> {
         let since = now();
         let (mut faults, mut may_come) = (0, false);
         while open.len() > faults {
-            let fault = match self.next(since, "an answer")? {
+            let fault = match self.next(since, timeout, "an answer")? {
                 None => {
                     // A datagram may be lost, or the model was not running yet.
                     if self.session.uses_vectors() {
@@ -457,12 +456,13 @@ impl Conversation {
     fn next(
         &mut self,
         since: Instant,
+        timeout: Duration,
         awaited: &'static str,
     ) -> Result<Option<Result<MessageFromLaw, Fault>>, LawError> {
         let (limit, for_s) = if self.session.uses_vectors() && !self.has_answered {
             (CONNECT_TIMEOUT, CONNECT_TIMEOUT_S)
         } else {
-            (self.timeout, self.timeout.as_secs())
+            (timeout, timeout.as_secs())
         };
         let left = (since + limit).saturating_duration_since(now());
         if left.is_zero() {

@@ -3,6 +3,7 @@
 //! Flights, studies, figures, recordings and reports share these types.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
@@ -11,7 +12,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Verb;
-use skein_common::scenario::{EventAction, Fault, ScriptedEvent, ScriptedVerb, Servo};
+use skein_common::scenario::{EventAction, Fault, ScriptedEvent, ScriptedVerb};
 use skein_core::impairments::{delays, lasting, silences, union};
 
 /// The scenario's name of a failure, such as `engine_out`.
@@ -96,7 +97,7 @@ impl<T> Schedule<T> {
 }
 
 /// A change that the scenario makes to one direction of a link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum LinkChange {
     /// Messages pass again after a cut.
     Healed,
@@ -109,8 +110,6 @@ pub enum LinkChange {
 }
 
 impl LinkChange {
-    const ALL: [Self; 4] = [Self::Healed, Self::Cut, Self::DelayOver, Self::Delayed];
-
     fn fault(self, links: Vec<(VehicleId, VehicleId)>) -> InjectedFault {
         match self {
             Self::Healed => InjectedFault::Healed { links },
@@ -123,18 +122,17 @@ impl LinkChange {
 
 /// The changes of links at one instant, grouped by kind.
 #[derive(Debug, Default)]
-pub struct LinkChanges([Vec<(VehicleId, VehicleId)>; 4]);
+pub struct LinkChanges(BTreeMap<LinkChange, Vec<(VehicleId, VehicleId)>>);
 
 impl LinkChanges {
     /// Adds a change of one direction of a link; `link` is its sender and receiver.
     pub fn add(&mut self, change: LinkChange, link: (VehicleId, VehicleId)) {
-        self.0[change as usize].push(link);
+        self.0.entry(change).or_default().push(link);
     }
 
     /// One injected fault for each kind of change, ends before beginnings.
     pub fn faults(self) -> impl Iterator<Item = InjectedFault> {
-        let kinds = LinkChange::ALL.into_iter().zip(self.0).filter(|(_, links)| !links.is_empty());
-        kinds.map(|(change, links)| change.fault(links))
+        self.0.into_iter().map(|(change, links)| change.fault(links))
     }
 }
 
@@ -189,10 +187,7 @@ pub const FROZEN: FailureName = "simulator_freeze";
 const FAILURES: [FailureName; 6] = ["engine_out", FROZEN, "servo_stuck", "gyro_off", "gps_frozen", "clock_jump"];
 
 /// Deserialises the name of a failure.
-///
-/// # Errors
-/// The text does not name a failure.
-pub fn deserialize_failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureName, D::Error> {
+fn deserialize_failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureName, D::Error> {
     let name = Cow::<str>::deserialize(from)?;
     let known = FAILURES.into_iter().find(|known| *known == name);
     known.ok_or_else(|| D::Error::custom(format!("unknown failure {name:?}")))
@@ -227,29 +222,25 @@ fn verb(order: ScriptedVerb) -> Verb {
 /// Describes the fault in a line of text, with the vehicles that it affects.
 pub fn describe(fault: &Fault) -> String {
     let list = |ids: &[VehicleId]| ids.iter().map(VehicleId::to_string).collect::<Vec<_>>().join(", ");
+    let ways = |both_ways: bool| if both_ways { "both ways" } else { "one way" };
     match fault {
         Fault::Kill { vehicle } => format!("kill of vehicle {vehicle}"),
         Fault::Cut { from, to, both_ways } => {
-            let between = if *both_ways { "both ways" } else { "one way" };
-            format!("cut from vehicle {} to vehicle {}, {between}", list(from), list(to))
+            format!("cut from vehicle {} to vehicle {}, {}", list(from), list(to), ways(*both_ways))
         }
         Fault::Delay { from, to, both_ways, delay_s } => {
-            let between = if *both_ways { "both ways" } else { "one way" };
-            format!("delay of {delay_s} s from vehicle {} to vehicle {}, {between}", list(from), list(to))
+            format!("delay of {delay_s} s from vehicle {} to vehicle {}, {}", list(from), list(to), ways(*both_ways))
         }
-        Fault::EngineOut { vehicle } => format!("engine_out of vehicle {vehicle}"),
-        Fault::SimulatorFreeze { vehicle } => format!("simulator_freeze of vehicle {vehicle}"),
         Fault::ServoStuck { vehicle, servo } => {
-            let servo = match servo {
-                Servo::Roll => "roll",
-                Servo::Pitch => "pitch",
-                Servo::Collective => "collective",
-            };
-            format!("servo_stuck ({servo}) of vehicle {vehicle}")
+            format!("servo_stuck ({}) of vehicle {vehicle}", format!("{servo:?}").to_lowercase())
         }
-        Fault::GyroOff { vehicle } => format!("gyro_off of vehicle {vehicle}"),
-        Fault::GpsFrozen { vehicle } => format!("gps_frozen of vehicle {vehicle}"),
         Fault::ClockJump { vehicle, by_s } => format!("clock_jump of vehicle {vehicle} by {by_s} s"),
+        Fault::EngineOut { vehicle }
+        | Fault::SimulatorFreeze { vehicle }
+        | Fault::GyroOff { vehicle }
+        | Fault::GpsFrozen { vehicle } => {
+            format!("{} of vehicle {vehicle}", failure_of(fault).map_or("failure", |(_, name)| name))
+        }
         Fault::KillControl => "kill_control".to_owned(),
         Fault::Isolate { both_ways: false } => "isolate: the team receives nothing of the others".to_owned(),
         Fault::Isolate { both_ways: true } => {

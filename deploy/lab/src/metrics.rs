@@ -56,7 +56,6 @@ pub mod across;
 mod ages;
 mod crashes;
 mod detection;
-mod fallback;
 pub mod figures;
 mod fleet;
 mod flock;
@@ -67,6 +66,7 @@ pub mod limits;
 mod measured;
 mod mission;
 mod report;
+mod run;
 mod separation;
 mod series;
 mod shape;
@@ -88,21 +88,20 @@ use skein_common::scenario::{self, ControlMode, Law, Pattern, Scenario, Setting,
 use crate::faults::InjectedFault;
 use ages::AgeSampling;
 pub(crate) use crashes::CrashDetector;
-use crashes::Crashes;
 use detection::Detection;
-use fallback::Fallback;
-pub use figures::{Direction, WALL_CLOCK_KEYS};
-pub use fleet::{FleetReport, FleetTraffic, OverTeams, over_teams};
+pub use figures::{Direction, Report, VehicleReport, WALL_CLOCK_KEYS};
+pub use fleet::{FleetReport, FleetTraffic};
 use flock::{Alignment, Following};
 use graph::Graph;
 use handling::Handling;
 use histogram::Histogram;
 pub use measured::{Measured, Outcome, is_worse, worst_and_median};
 use mission::Steps;
-pub use report::{Report, Run, VehicleReport, Wall};
+pub(crate) use run::spelling;
+pub use run::{Run, Wall};
 use separation::Separations;
 use series::Settling;
-pub(crate) use shape::Shape;
+pub(crate) use shape::StepShape;
 use steady::{Column, MemberSums, SwarmSeries, VehicleSeries};
 pub use traffic::{TRAFFIC_FILE, VehicleTraffic, read_traffic, traffic_csv};
 use transient::Transients;
@@ -118,6 +117,11 @@ pub const COLLISION_M: f64 = 2.0;
 /// Least time between two observations of the formation, s: half a frame of 50 Hz less than 0.1 s, so that it is observed ten
 /// times a second.
 const FORMATION_PERIOD_S: f64 = 0.09;
+/// The figures of when the formation has settled.
+const SETTLING: [&str; 4] = ["at_altitude_s", "in_band_s", "even_10deg_s", "even_5deg_s"];
+/// Age of a peer's state, ms, and duration of a step, us, from which on all count as equal.
+const LARGEST_AGE_MS: u32 = 10_000;
+const LARGEST_STEP_US: u32 = 100_000;
 /// Error of the altitude, as a share of it, within which a vehicle is at its altitude.
 const ALTITUDE_TOLERANCE: f64 = 0.1;
 
@@ -134,7 +138,7 @@ pub struct Metrics {
     is_round: bool,
     has_altitude: bool,
     /// The formation in each step of the mission.
-    shapes: Vec<Shape>,
+    shapes: Vec<StepShape>,
     /// The scenario as written, without the parts on which no formation depends.
     written: Box<Scenario>,
     /// The formations of the vehicles that fly values which an operator has set, by their places in the order of ids.
@@ -146,10 +150,8 @@ pub struct Metrics {
     next_formation_s: f64,
     /// Time of the last observation of the formation, s.
     formation_s: f64,
-    at_altitude: Settling,
-    in_band: Settling,
-    even_10deg: Settling,
-    even_5deg: Settling,
+    /// In the order of [`SETTLING`].
+    settling: [Settling; SETTLING.len()],
     series: SwarmSeries,
     vehicle_series: VehicleSeries,
     following: Following,
@@ -159,9 +161,8 @@ pub struct Metrics {
     forced_advances: u64,
     detection: Detection,
     transients: Transients,
-    crashes: Crashes,
+    crashes: Vec<CrashDetector>,
     handling: Handling,
-    fallback: Fallback,
     separations: Separations,
     max_tilt_rad: f64,
     stick_square: series::Mean,
@@ -182,7 +183,7 @@ pub struct Metrics {
 #[derive(Clone, Debug)]
 struct Tuned {
     settings: Vec<Setting>,
-    shapes: Arc<[Shape]>,
+    shapes: Arc<[StepShape]>,
 }
 
 /// Counters of all agents together since the start.
@@ -205,6 +206,9 @@ pub struct Totals {
 struct Effort {
     energy_j: Option<f64>,
     stick_square: series::Mean,
+    /// Share of its observations as a live member with an external law in which the fallback flew in the place of that
+    /// law.
+    fallback: series::Mean,
 }
 
 impl Metrics {
@@ -221,17 +225,14 @@ impl Metrics {
             is_radial,
             has_altitude: vertical == Vertical::Bands,
             is_round: !law.is_flock() && is_radial && vertical == Vertical::Bands,
-            shapes: steps.iter().map(Shape::new).collect(),
+            shapes: steps.iter().map(StepShape::new).collect(),
             written: Box::new(without_vehicles(scenario)),
             tuned: Vec::new(),
             places: steps.iter().filter(|step| !matches!(step.target, Target::Land(_))).count(),
             t_s: 0.0,
             next_formation_s: 0.0,
             formation_s: 0.0,
-            at_altitude: Settling::default(),
-            in_band: Settling::default(),
-            even_10deg: Settling::default(),
-            even_5deg: Settling::default(),
+            settling: Default::default(),
             series: SwarmSeries::default(),
             vehicle_series: VehicleSeries::new(vehicles, steps.first().map_or(0.0, |step| step.formation.radius_m)),
             following: Following::default(),
@@ -241,16 +242,15 @@ impl Metrics {
             forced_advances: 0,
             detection: Detection::new(vehicles, scenario.network.fade_m.or(scenario.network.range_m)),
             transients: Transients::default(),
-            crashes: Crashes::new(vehicles),
+            crashes: vec![CrashDetector::default(); vehicles],
             handling: Handling::new(vehicles, law != Law::External),
-            fallback: Fallback::new(vehicles),
             separations: Separations::new(vehicles),
             max_tilt_rad: 0.0,
             stick_square: series::Mean::default(),
             effort: vec![Effort::default(); vehicles],
-            ages_ms: Histogram::of_ages_ms(),
+            ages_ms: Histogram::new(LARGEST_AGE_MS),
             sampling: AgeSampling::new(vehicles),
-            steps_us: Histogram::of_steps_us(),
+            steps_us: Histogram::new(LARGEST_STEP_US),
             standings: Vec::with_capacity(vehicles),
             members: Vec::with_capacity(vehicles),
             bearings: Vec::with_capacity(vehicles),
@@ -265,13 +265,15 @@ impl Metrics {
         self.t_s = t_s;
         self.sampling.next_step();
         let is_change = self.observe_standings(vehicles);
-        if is_change || !self.detection.is_settled() {
+        if is_change || !self.detection.is_settled {
             self.detection.observe(t_s, vehicles);
         }
         if is_change {
             self.steps.observe(t_s, vehicles);
         }
-        self.crashes.observe(vehicles);
+        for vehicle in vehicles {
+            self.crashes.get_mut(index(vehicle.id)).into_iter().for_each(|crash| crash.look_at(vehicle));
+        }
         self.observe_tilt(vehicles);
         if self.observes_formation(t_s) {
             self.next_formation_s = t_s + FORMATION_PERIOD_S;
@@ -286,10 +288,9 @@ impl Metrics {
         self.series.begin(t_s);
         self.vehicle_series.begin(t_s);
         self.alignment.observe(&mut self.series, vehicles, &self.members);
-        self.graph.observe(t_s, vehicles, &self.members, self.alignment.directions());
+        self.graph.observe(&mut self.series, vehicles, &self.members, &self.alignment.moving);
         self.observe_members(t_s, vehicles);
         self.handling.observe(t_s, vehicles);
-        self.fallback.observe(vehicles);
         self.observe_effort(since_s, vehicles);
     }
 
@@ -351,7 +352,7 @@ impl Metrics {
         let same = self.tuned.iter().flatten().find(|other| other.settings == settings).cloned();
         self.tuned[nth] = same.or_else(|| {
             let tuned = (!settings.is_empty()).then(|| self.written.with_settings(settings))?;
-            let shapes = tuned.mission.steps.iter().map(Shape::new).collect();
+            let shapes = tuned.mission.steps.iter().map(StepShape::new).collect();
             Some(Tuned { settings: settings.to_vec(), shapes })
         });
     }
@@ -363,7 +364,7 @@ impl Metrics {
 
     /// Whether the vehicle at this place in the order of ids has crashed so far.
     pub fn has_crashed(&self, nth: usize) -> bool {
-        self.crashes.has_crashed(nth)
+        self.crashes.get(nth).is_some_and(|crash| crash.has_crashed)
     }
 
     /// Time of the last observation, from the start of the window, s.
@@ -428,17 +429,16 @@ impl Metrics {
 
     /// Updates the settling figures with the conditions that hold now; `step` is the highest step of a member.
     fn settle(&mut self, t_s: f64, high: bool, inside: bool, step: Option<u32>) {
-        self.at_altitude.observe(t_s, high);
-        self.in_band.observe(t_s, inside);
         let deviation_deg = largest_gap_deviation_rad(&mut self.bearings).map(f64::to_degrees);
-        self.even_10deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 10.0));
-        self.even_5deg.observe(t_s, deviation_deg.is_some_and(|deviation_deg| deviation_deg < 5.0));
+        let is_even_to = |most_deg: f64| deviation_deg.is_some_and(|deviation_deg| deviation_deg < most_deg);
+        let holds = [high, inside && self.is_radial, is_even_to(10.0), is_even_to(5.0)];
+        self.settling.iter_mut().zip(holds).for_each(|(settling, holds)| settling.observe(t_s, holds));
         if let Some(deviation_deg) = deviation_deg {
             self.series.set(Column::Spacing, deviation_deg);
         }
         // A single vehicle has no gaps.
-        let is_even = deviation_deg.is_none_or(|deviation_deg| deviation_deg < 10.0);
-        let (members, is_split) = (self.detection.members(), self.detection.is_split());
+        let is_even = deviation_deg.is_none() || is_even_to(10.0);
+        let (members, is_split) = (self.detection.members, self.detection.is_split());
         // On an ellipsoid any altitude is one of the formation's.
         let is_high = high || !self.has_altitude;
         self.transients.observe(t_s, members, is_split, step, is_high && inside && is_even);
@@ -464,6 +464,9 @@ impl Metrics {
                     (math::square(controls.roll) + math::square(controls.pitch) + math::square(controls.yaw)) / 3.0;
                 effort.stick_square.add(square);
                 self.stick_square.add(square);
+            }
+            if let Some(fallback_flies) = vehicle.fallback_flies.filter(|_| vehicle.is_live_member()) {
+                effort.fallback.add(f64::from(fallback_flies));
             }
         }
     }

@@ -57,7 +57,12 @@ impl Drop for Claim {
 /// If it cannot be created: the reason, and how to choose another. Or if another command has claimed it: its process, PC and
 /// begin.
 pub fn claim(out: &Path) -> Result<Claim, Error> {
-    create(out)?;
+    fs::create_dir_all(out).map_err(|error| {
+        Error::Failed(format!(
+            "{}: the folder cannot be created: {error}; choose another with --out, or with the environment variable {RUNS_VARIABLE}",
+            out.display()
+        ))
+    })?;
     let path = out.join(CLAIM);
     let failed = |error: io::Error| Error::Failed(format!("{}: {}", path.display(), of_writing(&error)));
     let mut file =
@@ -125,15 +130,6 @@ fn host() -> String {
     let named = fs::read_to_string("/proc/sys/kernel/hostname").ok();
     let variable = || ["HOSTNAME", "COMPUTERNAME"].iter().find_map(|name| env::var(name).ok());
     named.or_else(variable).map_or_else(|| "a PC".to_owned(), |name| name.trim().to_owned())
-}
-
-fn create(out: &Path) -> Result<(), Error> {
-    fs::create_dir_all(out).map_err(|error| {
-        Error::Failed(format!(
-            "{}: the folder cannot be created: {error}; choose another with --out, or with the environment variable {RUNS_VARIABLE}",
-            out.display()
-        ))
-    })
 }
 
 /// The folder of the runs without an `--out`: the one that `SKEIN_RUNS` names, without it `skein-runs`.

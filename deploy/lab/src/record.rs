@@ -61,7 +61,7 @@ pub use merge::merge;
 pub use player::{PlayedEvent, PlayedPlace, Player, Replay};
 pub use reader::read;
 pub use repair::{Repaired, repair};
-pub use writer::{RecordingInfo, Writer};
+pub use writer::{McapFile, RecordingInfo, Writer};
 
 /// File name of the recording in the folder of a run.
 pub const FILE: &str = "run.mcap";
@@ -93,7 +93,7 @@ pub enum RecordError {
     OtherRelease {
         /// The release that recorded the file.
         release: String,
-        /// What this release does not read.
+        /// The content that this release does not read.
         error: Box<RecordError>,
     },
     /// The scenario in the file is invalid for this program.

@@ -28,11 +28,11 @@ pub struct Recording {
     pub tracks: Vec<Track>,
     /// Events and faults, in the order in which they happened.
     pub noted: Vec<Noted>,
-    /// What its file lacks.
+    /// The parts of the flight that its file lacks.
     pub lacks: Lacks,
 }
 
-/// What the file of a recording lacks of the flight.
+/// The parts of the flight that the file of a recording lacks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lacks {
     /// Whether the file ends before the flight does.

@@ -46,7 +46,7 @@ impl ScenarioArgs {
     /// Reads a scenario or a fleet, as [`Self::read`] does a scenario.
     ///
     /// # Errors
-    /// As [`Self::read`].
+    /// The same as of [`Self::read`].
     pub fn read_any(&self, more: Vec<String>) -> Result<Described, Error> {
         let mut sets = [self.sets.clone(), more].concat();
         let name = self.name();

@@ -29,6 +29,7 @@ use skein_core::control::Rules;
 
 use crate::external::{LawError, LawPool};
 use crate::metrics::{Metrics, Report, VehicleNow};
+use crate::record::RecordError;
 use crate::recording::Watch;
 use crate::world::{World, WorldError};
 pub use batch::{Batch, Pilot, Replaced};
@@ -36,7 +37,7 @@ pub use command::{StudyArgs, run, seed};
 pub use fleet::{FleetRecording, FleetStudy};
 use flight::{SeedFlight, fly_side_by_side};
 pub use planned::{FlownStudy, Progress, fly_planned};
-pub use recorded::{RecordRunError, record_run};
+pub use recorded::record_run;
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;
 pub use verdict::under_control;
@@ -60,6 +61,9 @@ pub enum StudyError {
     /// Some vehicles did not become active.
     #[error("not all vehicles are active after {JOIN_LIMIT_S} s")]
     NeverActive,
+    /// The recording cannot be written.
+    #[error(transparent)]
+    Record(#[from] RecordError),
     /// The study was stopped before this run was over.
     #[error("stopped")]
     Stopped,
@@ -81,10 +85,10 @@ impl Stop {
     }
 }
 
-/// What every seed of a study shares.
+/// The swarm of a study, shared by all seeds.
 #[derive(Debug)]
 pub struct Study {
-    /// What flies; its seed is replaced by each run's.
+    /// The scenario that flies; its seed is replaced by each run's.
     pub scenario: Scenario,
     /// The aircraft of each vehicle, in the order of ids.
     pub aircraft: Vec<Aircraft>,
@@ -106,7 +110,7 @@ impl Study {
     /// Flies as [`Self::fly`] does, with an observer called at this rate, Hz. The observer does not affect the flight.
     ///
     /// # Errors
-    /// As [`Self::fly`].
+    /// The same as of [`Self::fly`].
     pub fn fly_watched(&self, seed: u64, watch: Option<(&mut dyn Watch, f64)>) -> Result<Report, StudyError> {
         SeedFlight::new(self, seed)?.fly(watch)
     }

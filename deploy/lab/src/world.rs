@@ -7,11 +7,11 @@
 //! of it ([`SharedRecords`]). Faults are injected after the agents have received messages and before
 //! they step.
 //!
-//! The driver (`world/driver.rs`) decides where the agents run: beside their vehicles, or in the central controller of
-//! `control.mode = "central"` (`world/central.rs`).
+//! The agents run beside their vehicles (`world/beside.rs`), or in the central controller of `control.mode = "central"`
+//! (`world/central.rs`).
 
+mod beside;
 mod central;
-mod driver;
 mod events;
 mod plants;
 mod script;
@@ -31,9 +31,10 @@ use skein_core::aircraft::Aircraft;
 use skein_core::builtin::{BuiltInPlant, NoFlightModel};
 use skein_core::control::Rules;
 use skein_core::formation::external::{LawQuery, LawReply};
-use skein_core::formation::{self, UnsupportedScenario};
+use skein_core::formation::{self, UnsupportedScenario, Workspace};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
 use skein_core::intent::ReceivedIntent;
+use skein_core::outbox::Outbox;
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState, SharedRecords};
 use skein_core::plant::{Command, Controls, Frame, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
@@ -43,7 +44,6 @@ use skein_host::parallel::at_once;
 use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
 use central::Central;
-use driver::{Decentralised, Driver};
 use events::Events;
 pub use plants::Blocks;
 use script::{Operator, ScriptedAction};
@@ -69,19 +69,22 @@ pub enum WorldError {
 /// A swarm in virtual time.
 #[derive(Debug)]
 pub struct World {
-    /// The scenario as the agents receive it from the driver.
+    /// The scenario as the agents receive it.
     scenario: Scenario,
     rules: Rules,
     origin: Origin,
     vehicles: Vec<Vehicle>,
     /// Room for the flight models, for each thread.
     blocks: Vec<Blocks>,
-    driver: Box<dyn Driver>,
+    /// The central controller, if one flies all vehicles.
+    central: Option<Box<Central>>,
+    /// Room for the agents beside their vehicles, for each thread.
+    workspaces: Vec<Workspace>,
     operator: Operator,
     /// Messages to all vehicles that were sent since the agents last received, and those that the agents receive now.
     in_flight: Vec<PeerMessage>,
     arriving: Vec<PeerMessage>,
-    /// What the agents that have received every message to all vehicles know of each other.
+    /// The knowledge of each other that all agents share which have received every message to all vehicles.
     records: SharedRecords,
     /// Groups of states of other teams that the agents receive in the next tick.
     strangers: Vec<Vec<StrangerState>>,
@@ -108,22 +111,21 @@ impl World {
     /// flight model.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
         formation::check(scenario)?;
-        let driver: Box<dyn Driver> = match scenario.control.mode {
-            ControlMode::Each => Box::new(Decentralised::default()),
-            ControlMode::Central => Box::new(Central::new(scenario)),
-        };
-        let scenario = &driver.scenario_of_agents(scenario);
+        let is_central = scenario.control.mode == ControlMode::Central;
+        let central = is_central.then(|| Box::new(Central::new(scenario)));
+        let scenario = &if is_central { Central::scenario_of_agents(scenario) } else { scenario.clone() };
         let starts = starts(scenario)?;
         let vehicles = scenario.ids().zip(&starts).zip(aircraft).map(|((id, start), aircraft)| {
             let plant = BuiltInPlant::new(scenario, id, aircraft, start).map_err(|why| WorldError::NoModel(id, why))?;
-            let known = driver.aircraft_of_agents(aircraft);
+            let known = if is_central { Central::aircraft_of_agents(aircraft) } else { aircraft.clone() };
             Ok(Vehicle::new(scenario, id, known, rules, plant)?)
         });
         let vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
         Ok(Self {
             vehicles,
             blocks: vec![Blocks::default()],
-            driver,
+            central,
+            workspaces: vec![Workspace::default()],
             origin: Origin::new(scenario.origin.geodetic()),
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
             arriving: Vec::new(),
@@ -159,6 +161,7 @@ impl World {
     /// From now on steps the world in this many threads; in one without this call. The flight does not depend on it.
     pub fn set_threads(&mut self, threads: NonZeroUsize) {
         self.blocks.resize_with(threads.get(), Blocks::default);
+        self.workspaces.resize_with(threads.get(), Workspace::default);
     }
 
     /// The number of threads that step the world.
@@ -179,16 +182,14 @@ impl World {
         self.events.clear();
         self.faults.clear();
         self.faults.append(&mut self.pending_faults);
-        let now = LocalTime::from_nanoseconds(self.ticks * TICK_NS);
+        let now = self.now();
         self.deliver(now);
         self.follow_script(now);
-        let threads = self.threads();
         self.intents.clear();
-        let Self { vehicles, driver, origin, in_flight, arriving, records, strangers, intents, asks, events, .. } =
-            self;
+        let Self { vehicles, origin, in_flight, arriving, records, strangers, intents, asks, events, .. } = self;
         let broadcast = Broadcast { messages: arriving, records: Some(records) };
         let arriving = Arriving { broadcast, strangers };
-        driver.frame(now, arriving, vehicles, threads, &mut |vehicle, outbox, ask| {
+        let mut take = |vehicle: &mut Vehicle, outbox: Outbox, ask: Option<Box<LawQuery>>| {
             let id = vehicle.id;
             asks.extend(ask.map(|ask| *ask));
             let state = outbox.state.map(|state| ReceivedState::new(through_wire(&*state), origin));
@@ -199,7 +200,11 @@ impl World {
             }
             intents.extend(outbox.intent.map(|intent| through_wire(&*intent)));
             events.add(id, outbox.happened);
-        });
+        };
+        match &mut self.central {
+            Some(central) => central.frame(now, vehicles, &mut take),
+            None => beside::frame(now, arriving, vehicles, &mut self.workspaces, &mut take),
+        }
         for vehicle in vehicles.iter_mut() {
             let by_human = vehicle.human.fly(vehicle.command, || vehicle.plant.frame());
             vehicle.moved_by = vehicle.pilot.map(Command::Controls).or(by_human);
@@ -250,23 +255,27 @@ impl World {
 
     /// Accepts the answer of a vehicle's external law: its agent receives it in the next tick.
     pub fn answer(&mut self, answer: LawReply) {
-        if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == answer.vehicle) {
+        if let Some(vehicle) = self.vehicle_mut(answer.vehicle) {
             vehicle.answer = Some(answer);
         }
     }
 
-    /// What the law of this vehicle sent was refused for this reason: its agent reports one reason a tick.
+    /// Notes the reason why a message of this vehicle's law was refused: its agent reports one reason a tick.
     pub fn refuse(&mut self, id: VehicleId, reason: ShortText) {
-        if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id) {
+        if let Some(vehicle) = self.vehicle_mut(id) {
             vehicle.refusals.push_back(reason);
         }
     }
 
     /// From now on flies a helicopter by these controls, whatever its agent commands; by its agent again with `None`.
     pub fn set_controls(&mut self, id: VehicleId, controls: Option<Controls>) {
-        if let Some(vehicle) = self.vehicles.iter_mut().find(|vehicle| vehicle.id == id) {
+        if let Some(vehicle) = self.vehicle_mut(id) {
             vehicle.pilot = controls;
         }
+    }
+
+    fn vehicle_mut(&mut self, id: VehicleId) -> Option<&mut Vehicle> {
+        self.vehicles.iter_mut().find(|vehicle| vehicle.id == id)
     }
 
     /// Every vehicle: its agent if one runs, and the plant's frame that the next tick begins with.
@@ -342,23 +351,22 @@ impl World {
     /// The counters of states count what crossed the network: states and controls under a central controller.
     pub fn totals(&self) -> Totals {
         let totals = self.vehicles().fold(self.ended_totals, |totals, (_, agent, ..)| with_counts(totals, agent));
-        self.driver.totals(totals)
+        self.central.as_ref().map_or(totals, |central| central.totals(totals))
     }
 
     /// Delivers the messages of the last tick to all other running agents. Where the network delivers everything at
     /// once, the agents take the messages in place when they step.
     fn deliver(&mut self, now: LocalTime) {
-        if !self.driver.agents_receive(now) {
+        if self.central.as_ref().is_some_and(|central| central.is_busy(now)) {
             return;
         }
         mem::swap(&mut self.in_flight, &mut self.arriving);
-        let Self { vehicles, driver, arriving, records, to_one, strangers, .. } = self;
-        let broadcasts = driver.broadcasts();
+        let Self { vehicles, central, arriving, records, to_one, strangers, .. } = self;
         let mut any_takes_broadcast = false;
         for vehicle in vehicles.iter_mut() {
             let id = vehicle.id;
             vehicle.takes_broadcast =
-                broadcasts && vehicle.station.as_ref().is_some_and(|station| station.receives_broadcast());
+                central.is_none() && vehicle.station.as_ref().is_some_and(|station| station.receives_broadcast());
             any_takes_broadcast |= vehicle.takes_broadcast;
             let to_all = if vehicle.takes_broadcast { &[] } else { arriving.as_slice() };
             let to_all = to_all.iter().filter(|message| message.sender() != Some(id));
@@ -404,7 +412,7 @@ impl World {
 
     /// Carries out the actions that affect all agents at once.
     fn act_on_all_agents(&mut self, t_s: f64) {
-        while let Some(action) = self.driver.due(t_s) {
+        while let Some(action) = self.central.as_mut().and_then(|central| central.due(t_s)) {
             for index in 0..self.vehicles.len() {
                 if action == ScriptedAction::Kill { self.end(index) } else { self.restart(index) }
             }

@@ -15,7 +15,7 @@ use skein_host::external::protocol::Time;
 use skein_lab::external::{LawPool, Trial};
 use skein_lab::prepare::prepare;
 use skein_lab::scenario::ScenarioArgs;
-use skein_lab::study::{Batch, Study};
+use skein_lab::study::{Batch, Study, StudyError};
 
 use crate::error::{exception, refused, wrong_argument};
 use actor::{Action, Actor};
@@ -28,6 +28,8 @@ pub(crate) struct Worlds {
     batch: Mutex<Batch>,
     actors: Vec<Actor>,
     action: Action,
+    /// Neighbours in an observation.
+    #[pyo3(get)]
     neighbours: usize,
     /// Frames in a step.
     ticks: u64,
@@ -45,7 +47,7 @@ fn batch(batch: &mut Mutex<Batch>) -> &mut Batch {
     batch.get_mut().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What `skein.Env` makes its worlds of.
+/// The settings of which `skein.Env` makes its worlds.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Settings {
@@ -123,12 +125,6 @@ impl Worlds {
         })
     }
 
-    /// Neighbours in an observation.
-    #[getter]
-    fn neighbours(&self) -> usize {
-        self.neighbours
-    }
-
     /// Begins new flights in the worlds that have a seed here, and fills the arrays.
     fn reset(
         &mut self,
@@ -137,13 +133,8 @@ impl Worlds {
         mut observations: PyReadwriteArray3<'_, f64>,
         mut truths: Truths<'_>,
     ) -> PyResult<()> {
-        let mut arrays = Arrays::of(&mut observations, &mut truths)?;
-        let flown = py.detach(|| {
-            batch(&mut self.batch).begin(&seeds, &mut self.actors)?;
-            self.fill(&mut arrays);
-            Ok(())
-        });
-        flown.map_err(|error: skein_lab::study::StudyError| refused(py, error))
+        let arrays = Arrays::of(&mut observations, &mut truths)?;
+        self.fly(py, arrays, |batch, actors| batch.begin(&seeds, actors))
     }
 
     /// Flies all worlds for one step with these actions, and fills the arrays.
@@ -167,13 +158,8 @@ impl Worlds {
                     .for_each(|(actor, its)| actor.actions.copy_from_slice(its));
             }
         }
-        let mut arrays = Arrays::of(&mut observations, &mut truths)?;
-        let flown = py.detach(|| {
-            batch(&mut self.batch).tick(self.ticks, &mut self.actors)?;
-            self.fill(&mut arrays);
-            Ok(())
-        });
-        flown.map_err(|error: skein_lab::study::StudyError| refused(py, error))
+        let (arrays, ticks) = (Arrays::of(&mut observations, &mut truths)?, self.ticks);
+        self.fly(py, arrays, |batch, actors| batch.tick(ticks, actors))
     }
 
     /// Ends the flight of this world and gives its figures as JSON, as in `metrics.json`; `None` before it begins.
@@ -209,11 +195,26 @@ impl<'a> Arrays<'a> {
 }
 
 impl Worlds {
+    /// Flies without the interpreter's lock, and fills the arrays.
+    fn fly(
+        &mut self,
+        py: Python<'_>,
+        mut arrays: Arrays<'_>,
+        fly: impl FnOnce(&mut Batch, &mut [Actor]) -> Result<(), StudyError> + Send,
+    ) -> PyResult<()> {
+        let flown = py.detach(|| {
+            fly(batch(&mut self.batch), &mut self.actors)?;
+            self.fill(&mut arrays);
+            Ok(())
+        });
+        flown.map_err(|error: StudyError| refused(py, error))
+    }
+
     /// Fills the arrays from the present state of every world.
     fn fill(&mut self, arrays: &mut Arrays<'_>) {
         let (vehicles, features) = (self.vehicles, features(self.action, self.neighbours));
         let batch = batch(&mut self.batch);
-        let steps = &batch.study().scenario.mission.steps;
+        let steps = &batch.study.scenario.mission.steps;
         let goals: Vec<(f64, f64)> =
             steps.iter().map(|step| (step.formation.altitude_m, step.formation.radius_m)).collect();
         let worlds = arrays

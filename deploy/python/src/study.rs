@@ -25,7 +25,7 @@ use crate::law::LawsInPython;
 /// Time between two looks at the interpreter's signals, and so the longest time until Ctrl-C has an effect.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What `skein.study` flies, as it hands it over.
+/// The study that `skein.study` asks for.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Wanted {
@@ -35,7 +35,7 @@ pub(crate) struct Wanted {
     sets: Vec<String>,
     /// The first seed, and the one after the last; `None` for the scenario's own.
     seeds: Option<(u64, u64)>,
-    /// As the option `--sweep` takes them.
+    /// The sweeps, as the option `--sweep` takes them.
     sweeps: Vec<String>,
     points: Option<usize>,
     jobs: Option<usize>,

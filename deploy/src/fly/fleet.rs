@@ -22,7 +22,7 @@ use skein_cluster::place;
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::metrics::across::{Across, Airborne};
-use skein_lab::metrics::{FleetReport, Report, Run, TRAFFIC_FILE, Wall, traffic_csv};
+use skein_lab::metrics::{FleetReport, Measured, Report, Run, TRAFFIC_FILE, Wall, traffic_csv};
 use skein_lab::out::write;
 use skein_lab::record::FLEET_FILE;
 use skein_lab::terminal::complain;
@@ -317,8 +317,8 @@ fn text(over: &[FlightResult], report: &FleetReport, out: &Path) -> String {
             report.frame_overruns.map_or_else(|| "-".to_owned(), |late| late.to_string()),
         ]);
     }
-    let fleet = report.measured();
-    let of_fleet = |key: &str| fleet.figures.get(key).copied().flatten();
+    let fleet = Measured::of(report);
+    let of_fleet = |key: &str| fleet.value(key);
     text += &format!("\nleast separation across teams  {} m", figure(of_fleet("across_separation_m")));
     text += &fleet.texts.get("nearest_across").map(|pair| format!(" ({pair})")).unwrap_or_default();
     let collisions = of_fleet("across_collisions").unwrap_or_default();

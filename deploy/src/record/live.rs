@@ -65,7 +65,8 @@ impl Recorder {
         let utc = Utc::read();
         let about = RecordingInfo { clock: CLOCK, ..*about };
         let (to, now_ns) = (BufWriter::new(file), utc.nanoseconds(clock::now()));
-        let writer = if is_fleet { Writer::of_fleet(to, &about, now_ns)? } else { Writer::new(to, &about, now_ns)? };
+        let writer =
+            if is_fleet { Writer::begin_fleet(to, &about, now_ns)? } else { Writer::begin(to, &about, now_ns)? };
         let (queue, entries) = sync_channel(QUEUE);
         let thread = thread::Builder::new().name("record".to_owned());
         let (path, dropped) = (path.to_owned(), Arc::new(AtomicU64::new(0)));
@@ -232,7 +233,7 @@ mod tests {
         let synced = full.try_clone().unwrap();
         // Everything before the first entries fits into memory.
         let to = BufWriter::with_capacity(1 << 20, full);
-        let writer = Writer::new(to, &about, 0);
+        let writer = Writer::begin(to, &about, 0);
         let (queue, entries) = sync_channel(QUEUE);
         let writing = thread::spawn(move || write(writer?, &entries, &AtomicU64::new(0), synced, "/dev/full".into()));
         let (rate, dropped) = (Rate::new(50.0), Arc::default());

@@ -9,7 +9,7 @@ use skein_common::math;
 use skein_common::message::EventKind;
 use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Membership;
-use skein_lab::metrics::Run;
+use skein_lab::metrics::{Measured, Run};
 use skein_lab::recording::Recording;
 use skein_tests::wire::{Frames, Swarm};
 use skein_tests::{fleet, in_parallel, of_scenario};
@@ -163,7 +163,7 @@ const WIDE: &str = "name = 'wide'\nduration_s = 420\n[fleet]\nteams = 2\npattern
 #[test]
 fn teams_of_a_fleet_50_km_wide_meet_at_one_height_and_take_turns() {
     let flown = |text: &str| {
-        let measured = fleet(text, 3).fly(NonZeroUsize::MIN, None).unwrap().0.measured();
+        let measured = Measured::of(&fleet(text, 3).fly(NonZeroUsize::MIN, None).unwrap().0);
         move |key: &str| measured.figures[key].unwrap()
     };
     let wide = flown(WIDE);

@@ -3,7 +3,7 @@
 use std::num::NonZeroUsize;
 
 use skein_common::id::TeamId;
-use skein_lab::metrics::FleetReport;
+use skein_lab::metrics::{FleetReport, Measured};
 use skein_lab::record::{self, TeamPlaces};
 use skein_lab::study::FleetRecording;
 use skein_tests::fleet;
@@ -13,7 +13,7 @@ fn fly(text: &str, threads: usize) -> FleetReport {
 }
 
 fn figure(report: &FleetReport, key: &str) -> f64 {
-    report.measured().figures[key].unwrap()
+    Measured::of(report).value(key).unwrap()
 }
 
 /// Three teams whose rings take the place of the next one, over a network that loses and delays.
@@ -25,7 +25,7 @@ const ROTATION: &str = "name = 'rotation'\nduration_s = 260\n[fleet]\nteams = 3\
 #[test]
 fn a_fleet_flies_the_same_in_one_thread_and_in_several() {
     let measured = [1, 2, 3].map(|threads| {
-        let mut measured = fly(ROTATION, threads).measured();
+        let mut measured = Measured::of(&fly(ROTATION, threads));
         measured.figures.retain(|key, _| !["wall_s", "real_time_factor"].contains(&key.as_str()));
         measured
     });

@@ -41,11 +41,11 @@ fn drawn(recording: &Recording) -> Vec<(Drawing, String)> {
         assert!(figure.subject.contains(&format!("skein {}", env!("CARGO_PKG_VERSION"))), "{name}");
         assert!(!figure.caption.is_empty(), "{name}");
         for axis in figure.panels.iter().flat_map(|panel| [&panel.x, &panel.y]) {
-            let (_, unit) = axis.label().rsplit_once(", ").unwrap_or_default();
+            let (_, unit) = axis.label.rsplit_once(", ").unwrap_or_default();
             let named =
                 ["vehicle", "sender", "receiver", "receiver from sender", "receiver, a row for each sender", "groups"];
-            let is_named = named.contains(&axis.label());
-            assert!(is_named || ["s", "m", "%", "ms", "share of full"].contains(&unit), "{name}: {}", axis.label());
+            let is_named = named.contains(&axis.label.as_str());
+            assert!(is_named || ["s", "m", "%", "ms", "share of full"].contains(&unit), "{name}: {}", axis.label);
         }
     }
     drawn.iter().for_each(|(_, figure)| caption_names_what_is_drawn(figure));

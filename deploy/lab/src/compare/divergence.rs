@@ -8,7 +8,6 @@ use skein_common::statistics::median;
 use super::folder::Folder;
 use super::pairs::Paired;
 use super::statistics::difference;
-use crate::metrics::Outcome;
 use crate::study::rounded;
 
 /// Two targets or plants.
@@ -16,7 +15,7 @@ use crate::study::rounded;
 pub struct Divergence {
     /// Target and plant of A, such as `study builtin`.
     pub a: String,
-    /// Of B.
+    /// Target and plant of B.
     pub b: String,
     /// Pairs of runs.
     pub pairs: usize,
@@ -48,11 +47,11 @@ pub struct FigureDifference {
 /// One pair.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct ComparedPair {
-    /// Of both runs.
+    /// Seed of both runs.
     pub seed: u64,
-    /// Of A; `null` for never.
+    /// Value of A; `null` for never.
     pub a: Option<f64>,
-    /// Of B.
+    /// Value of B; `null` for never.
     pub b: Option<f64>,
 }
 
@@ -67,8 +66,10 @@ pub fn divergence(paired: &Paired<'_>, only: &[String]) -> Divergence {
     for key in first.iter().flat_map(|pair| pair[0].measured.figures.keys()).filter(is_asked) {
         let outcomes = paired.pairs().map(|pair| (pair[0].measured.seed, pair.map(|run| run.measured.outcome(key))));
         let outcomes: Vec<_> = outcomes.collect();
-        let each: Vec<(u64, [f64; 2])> =
-            outcomes.iter().filter_map(|(seed, [a, b])| Some((*seed, [value((*a)?), value((*b)?)]))).collect();
+        let each: Vec<(u64, [f64; 2])> = outcomes
+            .iter()
+            .filter_map(|(seed, [a, b])| Some((*seed, [(*a)?, (*b)?].map(|outcome| outcome.or(f64::INFINITY)))))
+            .collect();
         match apart(key, &each) {
             Some(apart) => figures.push(apart),
             None => (0..2)
@@ -100,13 +101,6 @@ fn apart(key: &str, each: &[(u64, [f64; 2])]) -> Option<FigureDifference> {
         farthest: both(farthest),
         each: each.iter().map(both).collect(),
     })
-}
-
-fn value(outcome: Outcome) -> f64 {
-    match outcome {
-        Outcome::Value(value) => value,
-        Outcome::Never => f64::INFINITY,
-    }
 }
 
 /// The table for people.

@@ -15,7 +15,7 @@ use crate::metrics::Measured;
 pub struct Flown {
     /// Its folder.
     pub folder: PathBuf,
-    /// What it measured.
+    /// Its figures.
     pub measured: Measured,
     /// Every value of its scenario but the seed, by its key.
     pub scenario: BTreeMap<String, String>,
@@ -39,13 +39,13 @@ impl Flown {
 /// All runs of a folder.
 #[derive(Clone, Debug)]
 pub struct Folder {
-    /// As it was named.
+    /// Its path, as it was named.
     pub path: PathBuf,
     /// In the order of their folders' names, numbers in them as numbers.
     pub runs: Vec<Flown>,
     /// A study that has not come to its end.
     pub is_unfinished: bool,
-    /// What the study swept, if it was one.
+    /// The keys that the study swept, if it was one.
     pub swept: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! Which run of one side belongs to which of the other.
+//! Pairs each run of one side with that of the other to which it belongs.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,7 +13,7 @@ pub type Pair<'a> = [&'a Flown; 2];
 /// Pairs whose scenarios are the same within each side, but for the seed.
 #[derive(Clone, Debug)]
 pub struct PairedPoint<'a> {
-    /// What is set there, as `--set` takes it; empty without a sweep.
+    /// The keys that are set there, as `--set` takes them; empty without a sweep.
     pub set: Vec<String>,
     /// In the order of A's folders.
     pub pairs: Vec<Pair<'a>>,
@@ -22,9 +22,9 @@ pub struct PairedPoint<'a> {
 /// Two folders, run by run.
 #[derive(Clone, Debug)]
 pub struct Paired<'a> {
-    /// What is compared with.
+    /// The runs to compare with.
     pub a: &'a Folder,
-    /// What is judged.
+    /// The runs that are judged.
     pub b: &'a Folder,
     /// At least one.
     pub points: Vec<PairedPoint<'a>>,
@@ -32,7 +32,7 @@ pub struct Paired<'a> {
     pub unpaired: [usize; 2],
 }
 
-/// What pairs a run: the values of the keys that vary on both sides, and its seed.
+/// The identity by which a run is paired: the values of the keys that vary on both sides, and its seed.
 type Identity<'a> = (Vec<Option<&'a str>>, u64);
 
 impl<'a> Paired<'a> {
@@ -84,7 +84,7 @@ impl<'a> Paired<'a> {
         keys.into_iter().filter_map(differs).collect()
     }
 
-    /// What is compared, for people.
+    /// The two sides and how they differ, for people.
     pub fn heading(&self) -> String {
         let side = |name: &str, folder: &Folder| {
             let texts = ["scenario", "target", "plant", "version", "revision"];
@@ -132,7 +132,7 @@ fn by_identity<'a>(folder: &'a Folder, varying: &BTreeSet<&str>) -> Result<BTree
     Ok(found)
 }
 
-/// What is set at a run's point: the swept keys if a study names them, else all keys that vary.
+/// The keys that are set at a run's point: the swept ones if a study names them, else all that vary.
 fn set(run: &Flown, varying: &BTreeSet<&str>, swept: &[String]) -> Vec<String> {
     let keys = swept.iter().flat_map(|swept| Folder::below(swept, varying.iter().copied()));
     let keys: Vec<&str> = match keys.collect::<Vec<_>>() {

@@ -1,7 +1,8 @@
-//! What pairs of runs say about a difference, without assuming anything of how figures are distributed.
+//! Estimates a difference from pairs of runs, without assuming anything of how figures are distributed.
 //!
-//! What never came counts as infinitely bad: it ranks, and medians and intervals may be infinite.
+//! A figure that never came counts as infinitely bad: it ranks, and medians and intervals may be infinite.
 
+use serde::Serialize;
 use skein_common::math;
 use skein_common::statistics::median;
 use skein_core::random::{self, Purpose};
@@ -13,10 +14,11 @@ const RESAMPLES: usize = 1_999;
 /// So many of the figures of a row are summed up by their median, the others by their mean.
 const MEDIANS: usize = 3;
 
-/// A figure with its 95 % interval.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A median or a mean with its 95 % interval. JSON has `null` for each number that is never or without end.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Estimate {
-    /// Of the sample.
+    /// The median or the mean of the sample.
+    #[serde(rename = "median")]
     pub value: f64,
     /// Lower end.
     pub low: f64,
@@ -29,9 +31,16 @@ impl Estimate {
     pub fn is_off_zero(&self) -> bool {
         self.low > 0.0 || self.high < 0.0
     }
+
+    /// Times 1 or -1.
+    pub fn turned(self, sign: f64) -> Self {
+        let [one, other] = [sign * self.low, sign * self.high];
+        // Adding zero turns -0.0 into 0.0.
+        Self { value: sign * self.value + 0.0, low: one.min(other) + 0.0, high: one.max(other) + 0.0 }
+    }
 }
 
-/// What the pairs say.
+/// The estimates from all pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimates {
     /// Median of the first of each pair.
@@ -47,8 +56,9 @@ pub struct Estimates {
 
 /// Estimates with percentile intervals of a bootstrap that draws whole pairs; always the same draws. Percentiles, because
 /// the jackknife inside BCa fails for medians: B. Efron and R. Tibshirani, "An Introduction to the Bootstrap" (1993), §11.6 and §13.3.
-/// Of few pairs such an interval of a median falls short, so it is widened to the exact one between two of the ordered values
-/// (W. J. Conover, "Practical Nonparametric Statistics", §3.2), which less than six pairs do not have. `pairs` are not empty.
+/// For few pairs such an interval of a median falls short, so it is widened to the exact one between two of the ordered
+/// values (W. J. Conover, "Practical Nonparametric Statistics", §3.2), which less than six pairs do not have. `pairs`
+/// are not empty.
 pub fn estimate(pairs: &[[f64; 2]], negligible: f64) -> Estimates {
     let columns = |pair: [f64; 2]| [pair[0], pair[1], difference(pair), notable(pair, negligible)];
     let rows: Vec<[f64; 4]> = pairs.iter().map(|&pair| columns(pair)).collect();
@@ -78,8 +88,8 @@ pub fn estimate(pairs: &[[f64; 2]], negligible: f64) -> Estimates {
     Estimates { one, other, difference, dominance }
 }
 
-/// Which of `n` ordered values, counted from either end, bound the exact interval of a median: as far inside as they may
-/// be. None of fewer than six do.
+/// The rank of those of `n` ordered values, counted from either end, that bound the exact interval of a median: as far
+/// inside as they may be. None of fewer than six do.
 fn rank(n: usize) -> Option<usize> {
     // The median lies below the k-th value if fewer than k lie below the median.
     (1..=n / 2).take_while(|k| sign_test(k - 1, n - (k - 1)) <= ALPHA).last()

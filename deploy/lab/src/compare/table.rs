@@ -2,7 +2,8 @@
 
 use comfy_table::{CellAlignment, Table, presets};
 
-use super::verdict::{Compared, Side, Verdict};
+use super::statistics::Estimate;
+use super::verdict::{Compared, Verdict};
 use super::{ComparedPoint, Comparison};
 use crate::study::rounded;
 
@@ -41,9 +42,11 @@ fn of_point(point: &ComparedPoint) -> String {
     for figure in &shown {
         let verdict = format!("{:?}", figure.verdict).to_lowercase();
         let seed = figure.worst_seed.map(|seed| seed.to_string()).unwrap_or_default();
-        let effect = figure.effect.median.map(|effect| format!("{effect:+.2}")).unwrap_or_default();
-        let sides = [0, 1].map(|side| with_never(&[figure.a, figure.b][side], figure.never[side]));
-        let [a, b] = sides;
+        let effect = format!("{:+.2}", figure.effect.value);
+        let [a, b] = [(figure.a, figure.never[0]), (figure.b, figure.never[1])].map(|(estimate, never)| {
+            let never = if never == 0 { String::new() } else { format!(" {never} never") };
+            interval(&estimate, "never") + &never
+        });
         table.add_row([figure.key.to_owned(), a, b, interval(&figure.difference, "∞"), effect, verdict, seed]);
     }
     table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
@@ -70,13 +73,9 @@ fn commands(comparison: &Comparison) -> Vec<(&str, Vec<&'static str>)> {
     commands
 }
 
-fn with_never(side: &Side, never: usize) -> String {
-    let text = interval(side, "never");
-    if never == 0 { text } else { format!("{text} {never} never") }
-}
-
-fn interval(side: &Side, without: &str) -> String {
-    let [median, low, high] =
-        [side.median, side.low, side.high].map(|value| value.map_or_else(|| without.to_owned(), rounded));
-    if low == high { median } else { format!("{median} [{low}, {high}]") }
+/// The estimate with its interval, and `without` for what is not finite.
+fn interval(estimate: &Estimate, without: &str) -> String {
+    let Estimate { value, low, high } = *estimate;
+    let [value, low, high] = [value, low, high].map(|it| if it.is_finite() { rounded(it) } else { without.to_owned() });
+    if low == high { value } else { format!("{value} [{low}, {high}]") }
 }

@@ -14,7 +14,7 @@ pub const NEGLIGIBLE: f64 = 0.01;
 /// Fewer pairs can agree by chance: 2 · 0.5⁵ is more than 5 %.
 const FEWEST: usize = 6;
 
-/// What B is against A.
+/// The verdict on B against A.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
@@ -28,17 +28,6 @@ pub enum Verdict {
     Unclear,
 }
 
-/// One side, or the difference, with its interval; `null` for what is never or without end.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Side {
-    /// Median.
-    pub median: Option<f64>,
-    /// Lower end of the interval.
-    pub low: Option<f64>,
-    /// Upper end.
-    pub high: Option<f64>,
-}
-
 /// One figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Compared {
@@ -47,20 +36,20 @@ pub struct Compared {
     /// Pairs in which it applies.
     pub pairs: usize,
     /// Median of A.
-    pub a: Side,
+    pub a: Estimate,
     /// Median of B.
-    pub b: Side,
+    pub b: Estimate,
     /// Runs of A and of B in which it never came.
     pub never: [usize; 2],
     /// Median of B minus A in each pair.
-    pub difference: Side,
+    pub difference: Estimate,
     /// Share of pairs in which B is notably better, minus share in which it is notably worse; with its interval.
-    pub effect: Side,
+    pub effect: Estimate,
     /// Pairs in which B is notably better.
     pub better: usize,
     /// Pairs in which B is notably worse.
     pub worse: usize,
-    /// What follows.
+    /// The verdict that follows.
     pub verdict: Verdict,
     /// Seed of the pair in which B lost most; none if it did nowhere.
     pub worst_seed: Option<u64>,
@@ -79,7 +68,8 @@ impl Compared {
             return None;
         }
         let bad = if direction == Direction::Less { -1.0 } else { 1.0 };
-        let values: Vec<[f64; 2]> = outcomes.iter().map(|both| both.map(|outcome| value(outcome, bad))).collect();
+        let values: Vec<[f64; 2]> =
+            outcomes.iter().map(|both| both.map(|outcome| outcome.or(bad * f64::INFINITY))).collect();
         let negligible = NEGLIGIBLE * scale(&values);
         let estimates = estimate(&values, negligible);
         let count = |sign: f64| values.iter().filter(|&&pair| notable(pair, negligible) == sign).count();
@@ -94,14 +84,14 @@ impl Compared {
         Some(Self {
             key,
             pairs: values.len(),
-            a: Side::from(estimates.one),
-            b: Side::from(estimates.other),
+            a: estimates.one,
+            b: estimates.other,
             never,
-            difference: Side::from(estimates.difference),
-            effect: Side::from(turned(estimates.dominance, -bad)),
+            difference: estimates.difference,
+            effect: estimates.dominance.turned(-bad),
             better,
             worse,
-            verdict: verdict(turned(estimates.difference, bad), negligible, [better, worse], values.len()),
+            verdict: verdict(estimates.difference.turned(bad), negligible, [better, worse], values.len()),
             worst_seed: worst.map(|run| run.measured.seed),
             replay: worst.map(super::folder::Flown::replay),
         })
@@ -109,8 +99,7 @@ impl Compared {
 
     /// Every pair is equal to the last bit.
     pub fn is_equal(&self) -> bool {
-        let nothing = Some(0.0);
-        self.difference == Side { median: nothing, low: nothing, high: nothing }
+        self.difference == Estimate { value: 0.0, low: 0.0, high: 0.0 }
             && self.better + self.worse == 0
             && self.worst_seed.is_none()
     }
@@ -130,14 +119,6 @@ fn verdict(lost: Estimate, negligible: f64, [better, worse]: [usize; 2], pairs: 
     }
 }
 
-/// What never came is infinitely bad.
-fn value(outcome: Outcome, bad: f64) -> f64 {
-    match outcome {
-        Outcome::Value(value) => value,
-        Outcome::Never => bad * f64::INFINITY,
-    }
-}
-
 /// The larger magnitude of the two medians; a side in which the event never happened does not count.
 fn scale(values: &[[f64; 2]]) -> f64 {
     let size =
@@ -145,22 +126,10 @@ fn scale(values: &[[f64; 2]]) -> f64 {
     [size(0), size(1)].into_iter().filter(|size| size.is_finite()).fold(0.0, f64::max)
 }
 
-/// Times 1 or -1.
-fn turned(estimate: Estimate, sign: f64) -> Estimate {
-    let [one, other] = [sign * estimate.low, sign * estimate.high];
-    // Adding zero turns -0.0 into 0.0.
-    Estimate { value: sign * estimate.value + 0.0, low: one.min(other) + 0.0, high: one.max(other) + 0.0 }
-}
-
-impl From<Estimate> for Side {
-    fn from(estimate: Estimate) -> Self {
-        let finite = |value: f64| value.is_finite().then_some(value);
-        Self { median: finite(estimate.value), low: finite(estimate.low), high: finite(estimate.high) }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use std::collections::{BTreeMap, BTreeSet};
 
     use skein_core::random::{self, Purpose};
@@ -193,10 +162,10 @@ mod tests {
         let larger: Vec<[f64; 2]> = (0..10).map(|n| [f64::from(n), f64::from(n) + 1.0 + f64::from(n % 3)]).collect();
         let error = compared("radial_rms_m", &some(&larger));
         assert_eq!((error.verdict, error.worse, error.better), (Verdict::Worse, 10, 0));
-        assert_eq!((error.effect.median, error.worst_seed), (Some(-1.0), Some(2)), "of equal losses the first");
+        assert_eq!((error.effect.value, error.worst_seed), (-1.0, Some(2)), "of equal losses the first");
         assert_eq!(error.replay.as_deref(), Some("skein study b/seed-2/scenario.toml"));
         let separation = compared("min_separation_m", &some(&larger));
-        assert_eq!((separation.verdict, separation.effect.median), (Verdict::Better, Some(1.0)));
+        assert_eq!((separation.verdict, separation.effect.value), (Verdict::Better, 1.0));
         assert_eq!((separation.worst_seed, separation.replay), (None, None));
         assert_eq!(error.difference, separation.difference, "always B minus A");
         let few = compared("radial_rms_m", &some(&larger[..5]));
@@ -218,7 +187,11 @@ mod tests {
         values.iter_mut().take(6).for_each(|both| both[1] = None);
         let figure = compared("even_10deg_s", &values);
         assert_eq!((figure.verdict, figure.worse, figure.never), (Verdict::Worse, 6, [0, 6]));
-        assert_eq!((figure.b.median, figure.b.low, figure.b.high), (None, Some(50.0), None), "half of them never");
+        assert_eq!(
+            serde_json::to_string(&figure.b).unwrap(),
+            r#"{"median":null,"low":50.0,"high":null}"#,
+            "half of them never"
+        );
         values.iter_mut().for_each(|both| both.swap(0, 1));
         assert_eq!(compared("even_10deg_s", &values).verdict, Verdict::Better);
         let always = compared("even_10deg_s", &[[None, None]; 7]);
@@ -233,7 +206,7 @@ mod tests {
         let collided =
             |of: usize| -> Vec<[f64; 2]> { (0..50).map(|n| [0.0, if n < of { 1.0 } else { 0.0 }]).collect() };
         let figure = compared("collisions", &some(&collided(7)));
-        assert_eq!((figure.verdict, figure.difference.median), (Verdict::Worse, Some(0.0)));
+        assert_eq!((figure.verdict, figure.difference.value), (Verdict::Worse, 0.0));
         assert_eq!(compared("collisions", &some(&collided(3))).verdict, Verdict::Same, "three may be chance");
     }
 
@@ -250,6 +223,45 @@ mod tests {
             println!("{n} pairs: {worse} of 400 worse");
             // 2.5 % on either side is 10, with a standard deviation of 3.1, and of few pairs less.
             assert!((1..=15).contains(&worse), "{n} pairs: {worse} of 400");
+        }
+    }
+
+    /// Values that are exact in every order of sums: a figure of A and of B, or never.
+    fn any_pairs() -> impl Strategy<Value = Vec<[Option<f64>; 2]>> {
+        let value = || prop::option::weighted(0.9, (0_u8..40).prop_map(|quarters| f64::from(quarters) / 4.0));
+        prop::collection::vec([value(), value()], 1..20)
+    }
+
+    fn swapped(verdict: Verdict) -> Verdict {
+        match verdict {
+            Verdict::Better => Verdict::Worse,
+            Verdict::Worse => Verdict::Better,
+            other => other,
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn the_same_runs_on_both_sides_are_equal(pairs in any_pairs(), less_is_worse: bool) {
+            let key = if less_is_worse { "min_separation_m" } else { "even_10deg_s" };
+            let same: Vec<_> = pairs.iter().map(|[a, _]| [*a; 2]).collect();
+            let figure = compared(key, &same);
+            prop_assert!(figure.is_equal() && figure.verdict == Verdict::Same && figure.replay.is_none());
+        }
+
+        #[test]
+        fn the_sides_exchanged_give_the_opposite(pairs in any_pairs(), less_is_worse: bool) {
+            let key = if less_is_worse { "min_separation_m" } else { "even_10deg_s" };
+            let (one, other) = (compared(key, &pairs), compared(key, &pairs.iter().map(|[a, b]| [*b, *a]).collect::<Vec<_>>()));
+            prop_assert_eq!((one.a, one.b, one.never), (other.b, other.a, [other.never[1], other.never[0]]));
+            prop_assert_eq!((one.better, one.worse, one.pairs), (other.worse, other.better, other.pairs));
+            prop_assert_eq!(one.difference, other.difference.turned(-1.0));
+            // What the median and the frequency of differences contradict each other on is worse from either side.
+            let both = (one.verdict, other.verdict);
+            prop_assert!(both.0 == swapped(both.1) || both == (Verdict::Worse, Verdict::Worse), "{:?}", both);
+            prop_assert_eq!(one.is_equal(), other.is_equal());
         }
     }
 }

@@ -48,7 +48,7 @@ impl fmt::Debug for LawMaker {
 #[derive(Debug)]
 pub struct LocalRun {
     laws: Box<dyn LocalLaws>,
-    /// What each vehicle's law begins with, and whether its agent has sent a query in this run.
+    /// The hello with which each vehicle's law begins, and whether its agent has sent a query in this run.
     hellos: BTreeMap<VehicleId, (Hello, bool)>,
 }
 

@@ -59,7 +59,7 @@ impl Script {
             assert_eq!(answer.tick, tick);
             answered.push(answer.vehicle.get());
         };
-        self.conversation.wait_for_answers(asks.iter().collect(), give).unwrap();
+        self.conversation.wait_for_answers(asks.iter().collect(), LAW_TIMEOUT, give).unwrap();
         answered
     }
 }

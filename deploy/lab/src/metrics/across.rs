@@ -25,8 +25,6 @@ pub struct Airborne {
     origin: Origin,
     /// Each instant, s, with the vehicles in the air and their positions in the team's frame.
     instants: Vec<(f64, Vec<(VehicleId, PositionNed)>)>,
-    /// The number of instants since it was cleared.
-    count: usize,
     /// Least and largest coordinates of all instants in the team's frame; `None` with no vehicle in the air.
     bounds: Option<(Vector3<f64>, Vector3<f64>)>,
 }
@@ -34,29 +32,24 @@ pub struct Airborne {
 impl Airborne {
     /// No instant yet. `origin` is that of the team's frame.
     pub fn new(team: TeamId, origin: Origin) -> Self {
-        Self { team, origin, instants: Vec::new(), count: 0, bounds: None }
+        Self { team, origin, instants: Vec::new(), bounds: None }
     }
 
     /// Forgets all instants.
     pub fn clear(&mut self) {
-        (self.count, self.bounds) = (0, None);
+        self.instants.clear();
+        self.bounds = None;
     }
 
     /// Adds the next instant, s, with the vehicles in the air and their positions in the team's frame.
     pub fn add(&mut self, t_s: f64, vehicles: impl Iterator<Item = (VehicleId, PositionNed)>) {
-        if self.count == self.instants.len() {
-            self.instants.push((t_s, Vec::new()));
-        }
-        let (at_s, instant) = &mut self.instants[self.count];
-        *at_s = t_s;
-        self.count += 1;
-        instant.clear();
         // A position that is not finite has no distance.
-        instant.extend(vehicles.filter(|(_, position)| position.is_finite()));
-        for (_, position) in instant {
+        let instant: Vec<_> = vehicles.filter(|(_, position)| position.is_finite()).collect();
+        for (_, position) in &instant {
             let (least, largest) = self.bounds.get_or_insert((position.0, position.0));
             (*least, *largest) = (least.inf(&position.0), largest.sup(&position.0));
         }
+        self.instants.push((t_s, instant));
     }
 
     /// The box of all instants in the fleet's frame.
@@ -132,8 +125,7 @@ impl Across {
 
     /// Compares all vehicles of two teams at each instant.
     fn compare(&mut self, one: &Airborne, other: &Airborne) {
-        let both = one.instants.iter().zip(&other.instants).take(one.count.min(other.count));
-        for ((t_s, ones), (_, others)) in both {
+        for ((t_s, ones), (_, others)) in one.instants.iter().zip(&other.instants) {
             let in_ones = |(id, position): &(VehicleId, PositionNed)| {
                 let position = one.origin.ned_from_geodetic(&other.origin.geodetic_from_ned(*position));
                 (*id, position)

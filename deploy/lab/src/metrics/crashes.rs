@@ -1,6 +1,6 @@
-//! Counts the vehicles that reach the ground otherwise than by a landing.
+//! Detects the vehicles that reach the ground otherwise than by a landing.
 
-use super::{AIRBORNE_ABOVE_M, VehicleNow, index};
+use super::{AIRBORNE_ABOVE_M, VehicleNow};
 use skein_common::frame::Attitude;
 use skein_common::math;
 use skein_common::state::Membership;
@@ -15,10 +15,6 @@ const STANDING_M: f64 = 0.5;
 /// Height above that on the ground below which a vehicle touches the ground, m.
 const TOUCH_M: f64 = 0.3;
 
-/// Counts vehicles that have crashed.
-#[derive(Debug)]
-pub(super) struct Crashes(Vec<CrashDetector>);
-
 /// Detects the crash of one vehicle between take-off and touchdown.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CrashDetector {
@@ -27,35 +23,16 @@ pub(crate) struct CrashDetector {
     is_in_the_air: bool,
     /// Speed at the last observation, m/s.
     speed_m_s: f64,
-    has_crashed: bool,
-}
-
-impl Crashes {
-    pub(super) fn new(vehicles: usize) -> Self {
-        Self(vec![CrashDetector::default(); vehicles])
-    }
-
-    pub(super) fn observe(&mut self, vehicles: &[VehicleNow]) {
-        for vehicle in vehicles {
-            if let Some(flight) = self.0.get_mut(index(vehicle.id)) {
-                let (truth, lands) = (&vehicle.truth, vehicle.runs && vehicle.membership != Membership::Active);
-                flight.observe(truth.height_m, truth.velocity.0.norm(), &truth.attitude, lands);
-            }
-        }
-    }
-
-    /// Whether the vehicle at this place has crashed.
-    pub(super) fn has_crashed(&self, nth: usize) -> bool {
-        self.0.get(nth).is_some_and(|flight| flight.has_crashed)
-    }
-
-    /// Vehicles that have crashed, each once.
-    pub(super) fn count(&self) -> u64 {
-        self.0.iter().filter(|flight| flight.has_crashed).count() as u64
-    }
+    pub(super) has_crashed: bool,
 }
 
 impl CrashDetector {
+    /// Observes the vehicle in the order of time.
+    pub(super) fn look_at(&mut self, vehicle: &VehicleNow) {
+        let (truth, lands) = (&vehicle.truth, vehicle.runs && vehicle.membership != Membership::Active);
+        self.observe(truth.height_m, truth.velocity.0.norm(), &truth.attitude, lands);
+    }
+
     /// Observes the vehicle at a height above the ground, m, with its speed, m/s, its attitude, and whether its agent lands
     /// it. Returns whether it crashes now for the first time.
     pub(crate) fn observe(&mut self, height_m: f64, speed_m_s: f64, attitude: &Attitude, lands: bool) -> bool {
@@ -90,9 +67,9 @@ mod tests {
     }
 
     fn crashes(history: &[VehicleNow]) -> u64 {
-        let mut crashes = Crashes::new(1);
-        history.iter().for_each(|seen| crashes.observe(&[*seen]));
-        crashes.count()
+        let mut detector = CrashDetector::default();
+        history.iter().for_each(|seen| detector.look_at(seen));
+        u64::from(detector.has_crashed)
     }
 
     #[test]

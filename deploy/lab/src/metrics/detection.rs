@@ -25,7 +25,8 @@ pub(super) struct Detection {
     /// Distance beyond which messages may be lost, m.
     reach_m: f64,
     alive: VehicleSet,
-    members: VehicleSet,
+    /// The live members, by ground truth.
+    pub(super) members: VehicleSet,
     /// Vehicles that have left the swarm since their agent started.
     left: VehicleSet,
     /// The peers that each vehicle does not count as lost, by id.
@@ -40,11 +41,13 @@ pub(super) struct Detection {
     failed: Vec<(VehicleId, f64)>,
     /// Losses that were reported since the last observation.
     suspected: Vec<Link>,
-    is_settled: bool,
-    detection: Worst,
-    rejoin: Worst,
+    /// Whether an observation of the same contacts, members and running agents as at the last one would change nothing.
+    pub(super) is_settled: bool,
+    /// The reactions to each [`Transition`].
+    reactions: [Worst; 2],
     response: Worst,
-    false_suspicions: u64,
+    /// Number of losses of a sender that lived, could be received, and had not left.
+    pub(super) false_suspicions: u64,
 }
 
 /// A change of senders that receivers still have to detect.
@@ -81,8 +84,7 @@ impl Detection {
             failed: Vec::new(),
             suspected: Vec::new(),
             is_settled: false,
-            detection: Worst::default(),
-            rejoin: Worst::default(),
+            reactions: Default::default(),
             response: Worst::default(),
             false_suspicions: 0,
         }
@@ -163,11 +165,6 @@ impl Detection {
         }
     }
 
-    /// Whether an observation of the same contacts, members and running agents as at the last one would change nothing.
-    pub(super) fn is_settled(&self) -> bool {
-        self.is_settled
-    }
-
     pub(super) fn observe(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
         for vehicle in vehicles {
             let Some(in_contact) = self.in_contact.get_mut(index(vehicle.id)) else { continue };
@@ -194,18 +191,9 @@ impl Detection {
                 self.pending.push(pending);
                 continue;
             }
-            let worst = match pending.what {
-                Transition::Loss => &mut self.detection,
-                Transition::Return => &mut self.rejoin,
-            };
-            worst.add_time(t_s - pending.since_s);
+            self.reactions[pending.what as usize].add_time(t_s - pending.since_s);
         }
         self.is_settled = self.pending.is_empty();
-    }
-
-    /// The live members, by ground truth.
-    pub(super) fn members(&self) -> VehicleSet {
-        self.members
     }
 
     /// Whether any link is cut.
@@ -216,32 +204,28 @@ impl Detection {
     /// Time from a death or a cut until every agent in contact with the sender has lost it, in a window that ends at
     /// `t_s`.
     pub(super) fn detection(&self, t_s: f64) -> Worst {
-        self.with_open(self.detection, Transition::Loss, t_s)
+        self.reaction(Transition::Loss, t_s)
     }
 
     /// Time from a restart or a healed cut until every agent is in contact with the sender again, in a window that ends
     /// at `t_s`.
     pub(super) fn rejoin(&self, t_s: f64) -> Worst {
-        self.with_open(self.rejoin, Transition::Return, t_s)
+        self.reaction(Transition::Return, t_s)
     }
 
     /// Time from a failure until the vehicle reports one, in a window that ends at `t_s`.
     pub(super) fn response(&self, t_s: f64) -> Worst {
         let mut worst = self.response;
         if self.failed.iter().any(|(_, since_s)| t_s - since_s > LIMIT_S) {
-            worst.add_never();
+            worst.is_never = true;
         }
         worst
     }
 
-    /// Number of losses of a sender that lived, could be received, and had not left.
-    pub(super) fn false_suspicions(&self) -> u64 {
-        self.false_suspicions
-    }
-
-    fn with_open(&self, mut worst: Worst, what: Transition, t_s: f64) -> Worst {
+    fn reaction(&self, what: Transition, t_s: f64) -> Worst {
+        let mut worst = self.reactions[what as usize];
         if self.pending.iter().any(|open| open.what == what && t_s - open.since_s > LIMIT_S) {
-            worst.add_never();
+            worst.is_never = true;
         }
         worst
     }

@@ -4,20 +4,9 @@ use serde::{Serialize, Serializer};
 use skein_common::id::TeamId;
 
 use super::across::Across;
-use super::figures::{FIGURES, FLEET_FIGURES};
+use super::figures::{FIGURES, FLEET_FIGURES, Figure, Report};
 use super::traffic::VehicleTraffic;
-use super::{Direction, Measured, Report, Run, Wall};
-
-/// How the figures of teams become one figure of the fleet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OverTeams {
-    /// The sum.
-    Sum,
-    /// The worst.
-    Worst(Direction),
-    /// The mean.
-    Mean,
-}
+use super::{Direction, Measured, Run, Wall};
 
 /// Figures that add up over teams.
 const SUMS: [&str; 12] = [
@@ -35,51 +24,45 @@ const SUMS: [&str; 12] = [
     "never",
 ];
 
-/// How this figure is taken over all teams; `None` for an unknown key.
-pub fn over_teams(key: &str) -> Option<OverTeams> {
-    let figure = FIGURES.iter().find(|figure| figure.key == key)?;
-    Some(match figure.worse {
-        _ if SUMS.contains(&key) => OverTeams::Sum,
-        Some(direction) => OverTeams::Worst(direction),
-        None => OverTeams::Mean,
-    })
+/// The figures that are numbers.
+fn numbers() -> impl Iterator<Item = &'static Figure> {
+    FIGURES.iter().filter(|figure| figure.key != "never")
 }
 
-impl OverTeams {
-    /// The fleet's figure; `None` if no team has one.
-    fn of(self, values: &[f64]) -> Option<f64> {
-        let values = values.iter().copied();
-        match self {
-            Self::Sum => values.reduce(|sum, value| sum + value),
-            Self::Worst(Direction::More) => values.reduce(f64::max),
-            Self::Worst(Direction::Less) => values.reduce(f64::min),
-            Self::Mean if values.len() == 0 => None,
-            Self::Mean => Some(values.clone().sum::<f64>() / values.len() as f64),
-        }
+/// The fleet's figure from those of its teams: the sum of what is counted, the worst of what can be worse, otherwise
+/// the mean. `None` if no team has one.
+fn over_teams(figure: &Figure, of_teams: &[f64]) -> Option<f64> {
+    let all = of_teams.iter().copied();
+    match figure.worse {
+        _ if SUMS.contains(&figure.key) => all.reduce(|sum, value| sum + value),
+        Some(Direction::More) => all.reduce(f64::max),
+        Some(Direction::Less) => all.reduce(f64::min),
+        None if of_teams.is_empty() => None,
+        None => Some(all.sum::<f64>() / of_teams.len() as f64),
     }
 }
 
-/// What a flight of a fleet has measured. As JSON it is the `metrics.json` of a fleet.
+/// The figures of a flight of a fleet. As JSON they are the `metrics.json` of a fleet.
 #[derive(Debug, Serialize)]
 pub struct FleetReport {
     #[serde(flatten)]
     run: Run,
     /// Every figure of the fleet, in the order of the tables of figures.
-    #[serde(flatten, serialize_with = "as_map")]
+    #[serde(flatten, serialize_with = "in_order")]
     figures: Vec<(&'static str, Option<f64>)>,
     /// The two vehicles of different teams that came nearest to each other, and when.
-    #[serde(rename = "nearest_across", skip_serializing_if = "Option::is_none")]
-    nearest: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    nearest_across: Option<String>,
     never: Vec<String>,
     /// The figures of each team.
     #[serde(skip)]
     pub teams: Vec<(TeamId, Measured)>,
-    /// What each vehicle received, as far as it was counted.
+    /// The messages that each vehicle received, as far as they were counted.
     #[serde(skip)]
     pub traffic: Vec<VehicleTraffic>,
 }
 
-/// What the vehicles of a fleet have received.
+/// The messages that the vehicles of a fleet have received.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FleetTraffic {
     /// Number of states of other teams, by all vehicles.
@@ -109,10 +92,10 @@ impl FleetReport {
             "surrounded_bytes_per_s" => traffic.and_then(|traffic| Some(traffic.surrounded_per_s?.1)),
             _ => None,
         };
-        let of_teams = |key: &'static str| {
-            let values: Vec<f64> = measured.iter().filter_map(|(_, team)| team.figures.get(key).copied()?).collect();
-            let over = over_teams(key).and_then(|over| over.of(&values));
-            match key {
+        let of_teams = |figure: &Figure| {
+            let all: Vec<f64> = measured.iter().filter_map(|(_, team)| team.value(figure.key)).collect();
+            let over = over_teams(figure, &all);
+            match figure.key {
                 "collisions" => over.map(|within| within + across.collisions() as f64),
                 "min_separation_m" => over.into_iter().chain(least.map(|(least_m, _)| least_m)).reduce(f64::min),
                 "wall_s" => Some(wall.wall_s),
@@ -121,26 +104,20 @@ impl FleetReport {
             }
         };
         let of_fleet = FLEET_FIGURES.iter().map(|figure| (figure.key, across_teams(figure.key)));
-        let keys = FIGURES.iter().map(|figure| figure.key).filter(|key| *key != "never");
-        let figures = keys.map(|key| (key, of_teams(key))).chain(of_fleet).collect();
+        let figures = numbers().map(|figure| (figure.key, of_teams(figure))).chain(of_fleet).collect();
         let mut never: Vec<String> = measured.iter().flat_map(|(_, team)| team.never.iter().cloned()).collect();
         never.sort();
         never.dedup();
-        let nearest = least.map(|(_, (one, other, at_s))| format!("{one} and {other} at {at_s:.2} s"));
-        Self { run, figures, nearest, never, teams: measured, traffic: Vec::new() }
-    }
-
-    /// The figures of the whole fleet.
-    pub fn measured(&self) -> Measured {
-        Measured::of(self)
+        let nearest_across = least.map(|(_, (one, other, at_s))| format!("{one} and {other} at {at_s:.2} s"));
+        Self { run, figures, nearest_across, never, teams: measured, traffic: Vec::new() }
     }
 
     /// One row a team: its number, then every figure; an unmeasured figure is empty.
     pub fn teams_csv(&self) -> String {
-        let keys: Vec<_> = FIGURES.iter().map(|figure| figure.key).filter(|key| *key != "never").collect();
+        let keys: Vec<_> = numbers().map(|figure| figure.key).collect();
         let mut text = format!("team,{}\n", keys.join(","));
         for (id, team) in &self.teams {
-            let cell = |key: &&str| team.figures.get(*key).copied().flatten().map(|value| value.to_string());
+            let cell = |key: &&str| team.value(key).map(|value| value.to_string());
             let cells: Vec<String> = keys.iter().map(|key| cell(key).unwrap_or_default()).collect();
             text += &format!("{id},{}\n", cells.join(","));
         }
@@ -148,8 +125,8 @@ impl FleetReport {
     }
 }
 
-/// The figures as entries of the report's own map.
-fn as_map<S: Serializer>(figures: &[(&'static str, Option<f64>)], serializer: S) -> Result<S::Ok, S::Error> {
+/// The keys in their order, each with its value.
+fn in_order<S: Serializer>(figures: &[(&str, Option<f64>)], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(figures.iter().copied())
 }
 
@@ -159,13 +136,13 @@ mod tests {
 
     #[test]
     fn each_figure_is_a_sum_the_worst_or_the_mean_of_the_teams() {
-        let of = |key: &str| over_teams(key).unwrap().of(&[1.0, 2.0, 6.0]);
+        let of = |key: &str, all: &[f64]| over_teams(super::super::figures::of(key).unwrap(), all);
+        let all = &[1.0, 2.0, 6.0];
         assert_eq!(
-            [of("collisions"), of("in_band_s"), of("order"), of("duration_s")],
+            [of("collisions", all), of("in_band_s", all), of("order", all), of("duration_s", all)],
             [Some(9.0), Some(6.0), Some(1.0), Some(3.0)]
         );
-        assert_eq!(over_teams("order").unwrap().of(&[]), None);
-        assert_eq!(over_teams("no_such_figure"), None);
-        assert!(SUMS.iter().all(|key| over_teams(key) == Some(OverTeams::Sum)));
+        assert!(["collisions", "order", "duration_s"].iter().all(|key| of(key, &[]).is_none()));
+        assert!(SUMS.iter().all(|key| of(key, all) == Some(9.0)), "every one of them is a figure");
     }
 }

@@ -15,66 +15,47 @@ const MOVING_M_S: f64 = 0.2;
 /// Measures how well the members' directions of flight agree.
 #[derive(Debug, Default)]
 pub(super) struct Alignment {
-    moving: Moving,
+    /// The live members that moved at the last observation, as indices of the vehicles in ascending order, each with
+    /// its direction of flight.
+    pub(super) moving: Vec<(usize, Vector3<f64>)>,
 }
 
 impl Alignment {
     /// Observes all vehicles, of which those with the indices `members` are the live members.
     pub(super) fn observe(&mut self, series: &mut SwarmSeries, vehicles: &[VehicleNow], members: &[usize]) {
-        self.moving.vehicles.clear();
+        self.moving.clear();
         let mut speeds_m_s = Mean::default();
         for &nth in members {
             let (speed_m_s, direction) = speed_and_direction(&vehicles[nth].truth.velocity);
             speeds_m_s.add(speed_m_s);
-            self.moving.vehicles.extend(direction.map(|direction| (nth, direction)));
+            self.moving.extend(direction.map(|direction| (nth, direction)));
         }
         if let Some(speed_m_s) = speeds_m_s.mean() {
             series.set(Column::Speed, speed_m_s);
         }
         // A single vehicle always agrees with itself.
-        if self.moving.vehicles.len() < 2 {
+        if self.moving.len() < 2 {
             return;
         }
-        series.set(Column::Polarization, self.moving.polarization());
-        if let Some(order) = self.moving.order(vehicles) {
+        series.set(Column::Polarization, self.polarization());
+        if let Some(order) = self.order(vehicles) {
             series.set(Column::Order, order);
         }
     }
 
-    /// The live members that moved at the last observation, as indices of the vehicles in ascending order, each with its
-    /// direction of flight.
-    pub(super) fn directions(&self) -> &[(usize, Vector3<f64>)] {
-        &self.moving.vehicles
-    }
-}
-
-/// Speed, m/s, and the direction of flight, if the vehicle moves.
-fn speed_and_direction(velocity: &VelocityNed) -> (f64, Option<Vector3<f64>>) {
-    let speed_m_s = velocity.0.norm();
-    (speed_m_s, (speed_m_s > MOVING_M_S).then(|| velocity.0 / speed_m_s))
-}
-
-/// The live members that move, with reused memory.
-#[derive(Debug, Default)]
-struct Moving {
-    /// Index among the vehicles, and direction of flight.
-    vehicles: Vec<(usize, Vector3<f64>)>,
-}
-
-impl Moving {
     /// Length of the mean direction, 0 to 1.
     fn polarization(&self) -> f64 {
-        let sum = self.vehicles.iter().fold(Vector3::zeros(), |sum, (_, one)| sum + one);
-        sum.norm() / self.vehicles.len() as f64
+        let sum = self.moving.iter().fold(Vector3::zeros(), |sum, (_, one)| sum + one);
+        sum.norm() / self.moving.len() as f64
     }
 
     /// Mean of the mean cosines over the vehicles that move and are in contact with one that moves. The cosines of a
     /// vehicle add up to that with the sum of the others' directions.
     fn order(&self, vehicles: &[VehicleNow]) -> Option<f64> {
-        let moving: VehicleSet = self.vehicles.iter().map(|(nth, _)| vehicles[*nth].id).collect();
-        let of_all: Vector3<f64> = self.vehicles.iter().map(|(_, direction)| direction).sum();
+        let moving: VehicleSet = self.moving.iter().map(|(nth, _)| vehicles[*nth].id).collect();
+        let of_all: Vector3<f64> = self.moving.iter().map(|(_, direction)| direction).sum();
         let mut orders = Mean::default();
-        for (nth, own) in &self.vehicles {
+        for (nth, own) in &self.moving {
             let VehicleNow { id, in_contact, .. } = vehicles[*nth];
             let mut others = moving.both(in_contact);
             others.remove(id);
@@ -82,7 +63,7 @@ impl Moving {
             let of_others = if others.len() + 1 == moving.len() {
                 of_all - own
             } else {
-                self.vehicles.iter().filter(is_one).map(|(_, direction)| direction).sum()
+                self.moving.iter().filter(is_one).map(|(_, direction)| direction).sum()
             };
             if !others.is_empty() {
                 orders.add(own.dot(&of_others) / others.len() as f64);
@@ -90,6 +71,12 @@ impl Moving {
         }
         orders.mean()
     }
+}
+
+/// Speed, m/s, and the direction of flight, if the vehicle moves.
+fn speed_and_direction(velocity: &VelocityNed) -> (f64, Option<Vector3<f64>>) {
+    let speed_m_s = velocity.0.norm();
+    (speed_m_s, (speed_m_s > MOVING_M_S).then(|| velocity.0 / speed_m_s))
 }
 
 /// Measures how the members follow their moving centres.
@@ -110,7 +97,7 @@ impl Following {
     pub(super) fn follow(&mut self, distance_m: f64, inside: bool) {
         self.has_begun = true;
         self.farthest_m = Some(self.farthest_m.map_or(distance_m, |farthest_m| farthest_m.max(distance_m)));
-        self.inside.add(if inside { 1.0 } else { 0.0 });
+        self.inside.add(f64::from(inside));
     }
 
     /// Adds the distance of the members' centroid from the centre, m.
@@ -208,7 +195,7 @@ mod tests {
         series.begin(0.0);
         alignment.observe(&mut series, &all, &live_members(&all));
         assert!((series.mean(Column::Speed, 0.0).unwrap() - 2.55).abs() < 1e-12);
-        assert_eq!(alignment.directions().len(), 1);
+        assert_eq!(alignment.moving.len(), 1);
     }
 
     #[test]

@@ -9,7 +9,8 @@
 use nalgebra::{DMatrix, Vector3};
 
 use super::VehicleNow;
-use super::series::{Mean, Window};
+use super::series::Mean;
+use super::steady::{Column, SwarmSeries};
 
 /// Number of observations for each computation of the spectrum, which costs the most: about one a second.
 const SPECTRUM_EVERY: u64 = 10;
@@ -28,8 +29,6 @@ pub(super) struct Graph {
     pub(super) disconnected: Mean,
     /// Number of members of the smallest component, 1 for a member without an edge: Vásárhelyi's N_min.
     pub(super) smallest: Mean,
-    /// Correlation of velocities within components: Vásárhelyi's φ^corr.
-    pub(super) correlation: Window,
     /// Reused memory: the components, and the direction of flight of each node.
     components: Components,
     directions: Vec<Option<Vector3<f64>>>,
@@ -41,7 +40,7 @@ impl Graph {
     /// that move, each with its direction of flight.
     pub(super) fn observe(
         &mut self,
-        t_s: f64,
+        series: &mut SwarmSeries,
         vehicles: &[VehicleNow],
         nodes: &[usize],
         moving: &[(usize, Vector3<f64>)],
@@ -61,11 +60,11 @@ impl Graph {
         components.find(count, joined);
         let sizes = components.sizes();
         self.union.add((count - sizes.len()) as f64 / (count - 1) as f64);
-        self.connected.add(if sizes.len() == 1 { 1.0 } else { 0.0 });
+        self.connected.add(f64::from(sizes.len() == 1));
         self.disconnected.add(sizes.iter().filter(|&&size| size == 1).count() as f64);
         self.smallest.add(sizes.iter().copied().min().unwrap_or(count) as f64);
         if let Some(correlation) = components.correlation(|node| directions[node]) {
-            self.correlation.add(t_s, correlation);
+            series.set(Column::Correlation, correlation);
         }
         if self.observations.is_multiple_of(SPECTRUM_EVERY) {
             self.connectivity.add(spectrum.second_eigenvalue(count, joined) / count as f64);
@@ -145,7 +144,8 @@ struct Spectrum {
 }
 
 impl Spectrum {
-    /// As the function [`second_eigenvalue`], without a computation for an unchanged graph and for a complete one.
+    /// The result of the function [`second_eigenvalue`], without a computation for an unchanged graph and for a
+    /// complete one.
     fn second_eigenvalue(&mut self, count: usize, joined: impl Fn(usize, usize) -> bool) -> f64 {
         let mut edges = vec![0_u64; (count * count.saturating_sub(1) / 2).div_ceil(64)];
         let pairs = (0..count).flat_map(|one| (0..one).map(move |other| (one, other)));
@@ -271,14 +271,14 @@ mod tests {
         vehicles[2].fresh = set(&[1]);
         vehicles[3].fresh = set(&[1, 2, 3]);
         vehicles[3].runs = false;
-        let mut graph = Graph::default();
-        graph.observe(1.0, &vehicles, &[0, 1, 2], &[]);
+        let (mut graph, mut series) = (Graph::default(), SwarmSeries::default());
+        graph.observe(&mut series, &vehicles, &[0, 1, 2], &[]);
         assert_eq!((graph.union.mean(), graph.connected.mean()), (Some(1.0), Some(1.0)));
         assert!((graph.connectivity.mean().unwrap() - 1.0 / 3.0).abs() < 1e-9, "a path of three");
         assert_eq!((graph.disconnected.mean(), graph.smallest.mean()), (Some(0.0), Some(3.0)));
 
         vehicles[2].fresh = set(&[]);
-        graph.observe(1.2, &vehicles, &[0, 1, 2], &[]);
+        graph.observe(&mut series, &vehicles, &[0, 1, 2], &[]);
         assert_eq!(graph.connected.mean(), Some(0.5), "not the second time");
         assert_eq!(graph.union.mean(), Some(0.75), "(3 - 2)/(3 - 1) the second time");
         assert_eq!(graph.disconnected.mean(), Some(0.5), "no vehicle, then the third");

@@ -10,14 +10,9 @@ pub(super) struct Histogram {
 }
 
 impl Histogram {
-    /// A histogram of ages, ms.
-    pub(super) fn of_ages_ms() -> Self {
-        Self { largest: 10_000, bins: Vec::new() }
-    }
-
-    /// A histogram of the durations of steps, µs.
-    pub(super) fn of_steps_us() -> Self {
-        Self { largest: 100_000, bins: Vec::new() }
+    /// A histogram in which all samples from `largest` on count as equal.
+    pub(super) fn new(largest: u32) -> Self {
+        Self { largest, bins: Vec::new() }
     }
 
     pub(super) fn add(&mut self, sample: f64) {
@@ -66,7 +61,7 @@ mod tests {
 
     #[test]
     fn samples_fall_into_the_nearest_bin() {
-        let ages_ms = Histogram::of_ages_ms();
+        let ages_ms = Histogram::new(10_000);
         for (age_ms, expected) in [
             (-7.0, 0),
             (-0.4, 0),
@@ -84,7 +79,7 @@ mod tests {
 
     #[test]
     fn quantiles_are_those_of_the_samples_and_memory_does_not_grow_with_their_number() {
-        let mut steps_us = Histogram::of_steps_us();
+        let mut steps_us = Histogram::new(100_000);
         assert_eq!((steps_us.is_empty(), steps_us.quantile(0.5)), (true, None));
         let mut samples: Vec<f64> = (0..100_000_u32).map(|nth| f64::from(nth * 7_919 % 1_009)).collect();
         samples.iter().for_each(|sample| steps_us.add(*sample));

@@ -78,8 +78,8 @@ impl Limit {
     }
 }
 
-/// What no run of any scenario may have: beyond this, a vehicle is not under control, or is not flown by its law. `None` for
-/// other figures.
+/// The largest value of a figure that a run of any scenario may have: beyond it, a vehicle is not under control, or is
+/// not flown by its law. `None` for other figures.
 pub fn of_every_run(key: &str) -> Option<f64> {
     OF_EVERY_RUN.iter().find(|(known, _)| *known == key).map(|(_, limit)| *limit)
 }
@@ -92,13 +92,9 @@ pub const OF_EVERY_RUN: [(&str, f64); 3] =
 
 /// The limits of a scenario; `None` if it has none.
 pub fn of(scenario: &Scenario) -> Option<&'static [Limit]> {
-    let limits: &[Limit] = match scenario.preset {
-        Preset::Default => &HOVER,
-        Preset::Paper => &PAPER_HOVER,
-    };
-    let preset = match scenario.preset {
-        Preset::Default => "preset=default",
-        Preset::Paper => "preset=paper",
+    let (limits, preset): (&[Limit], _) = match scenario.preset {
+        Preset::Default => (&HOVER, "preset=default"),
+        Preset::Paper => (&PAPER_HOVER, "preset=paper"),
     };
     let mut hover = load(&shipped::HOVER, &[preset.to_owned()]).ok()?.scenario;
     // The limits hold for every seed, plant and recording, and for a longer flight.

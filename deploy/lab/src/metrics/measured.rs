@@ -10,11 +10,11 @@ use serde_json::Value;
 use super::{Direction, figures, limits};
 
 /// The figures of one run.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measured {
-    /// Of all randomness.
+    /// Seed of all randomness.
     pub seed: u64,
-    /// What was run, by key: the scenario's name, `target`, `plant`, `version` and so on.
+    /// The texts about the run, by key: the scenario's name, `target`, `plant`, `version` and so on.
     pub texts: BTreeMap<String, String>,
     /// Every figure by its key; `None` where it does not apply or never came.
     pub figures: BTreeMap<String, Option<f64>>,
@@ -34,8 +34,18 @@ pub enum Outcome {
     Never,
 }
 
+impl Outcome {
+    /// The value, or this number in its place if the figure never came to one.
+    pub fn or(self, never: f64) -> f64 {
+        match self {
+            Self::Value(value) => value,
+            Self::Never => never,
+        }
+    }
+}
+
 impl Measured {
-    /// As [`Measured::read`] gives it back once it is written.
+    /// The figures of a report as [`Measured::read`] gives them back once it is written.
     pub fn of(report: &impl Serialize) -> Self {
         #[expect(clippy::expect_used, reason = "what we write we can read")]
         Self::read(&crate::terminal::json(report)).expect("a report is a metrics.json")
@@ -51,13 +61,8 @@ impl Measured {
         };
         let seed = keys.get("seed").and_then(Value::as_u64).ok_or("it has no seed")?;
         let exact: BTreeMap<&str, f64> = text.lines().filter_map(exact).collect();
-        let mut measured = Self {
-            seed,
-            texts: BTreeMap::new(),
-            figures: BTreeMap::new(),
-            never: BTreeSet::new(),
-            uncontrolled: keys.get("vehicle").map(uncontrolled).unwrap_or_default(),
-        };
+        let mut measured =
+            Self { seed, uncontrolled: keys.get("vehicle").map(uncontrolled).unwrap_or_default(), ..Self::default() };
         for (key, value) in keys {
             match value {
                 Value::String(message) => _ = measured.texts.insert(key, message),
@@ -74,9 +79,14 @@ impl Measured {
         Ok(measured)
     }
 
+    /// The value of a figure; `None` if it does not apply to the run or never came.
+    pub fn value(&self, key: &str) -> Option<f64> {
+        self.figures.get(key).copied().flatten()
+    }
+
     /// A figure, if it applies to the run.
     pub fn outcome(&self, key: &str) -> Option<Outcome> {
-        match self.figures.get(key).copied().flatten() {
+        match self.value(key) {
             Some(value) => Some(Outcome::Value(value)),
             None => self.never.contains(key).then_some(Outcome::Never),
         }
@@ -84,12 +94,8 @@ impl Measured {
 
     /// How bad a figure is, to be compared with that of other runs: more is worse, what never came is worst.
     fn badness(&self, key: &str) -> f64 {
-        match self.outcome(key) {
-            Some(Outcome::Value(value)) if is_worse(key) == Some(Direction::Less) => -value,
-            Some(Outcome::Value(value)) => value,
-            Some(Outcome::Never) => f64::INFINITY,
-            None => f64::NEG_INFINITY,
-        }
+        let sign = if is_worse(key) == Some(Direction::Less) { -1.0 } else { 1.0 };
+        self.outcome(key).map_or(f64::NEG_INFINITY, |outcome| sign * outcome.or(sign * f64::INFINITY))
     }
 }
 
@@ -117,8 +123,9 @@ pub fn is_worse(key: &str) -> Option<Direction> {
     figures::of(key)?.worse
 }
 
-/// What decides which of two runs is the worse one when neither has more collisions and crashes, nor more that never happened: the
-/// first of these that differs. A mission's progress and length, how soon the formation stood, how well.
+/// The figures that decide which of two runs is the worse one when neither has more collisions and crashes, nor more
+/// that never happened: the first of these that differs. A mission's progress and length, how soon the formation stood,
+/// how well.
 const TELLING: [&str; 8] = [
     "setpoints_reached",
     "duration_s",

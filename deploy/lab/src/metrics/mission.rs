@@ -6,14 +6,16 @@ use super::{VehicleNow, index};
 #[derive(Debug)]
 pub(super) struct Steps {
     /// Number of steps that every live member has reached or passed; `None` before the first vehicle was a member.
-    passed: Option<u32>,
+    pub(super) passed: Option<u32>,
     /// Time at which the last live member reached or passed each step, s. Unknown for steps that were open when the
     /// window began.
     open_s: Vec<Option<f64>>,
     /// The step of each vehicle at the last observation as a live member, by id.
     at: Vec<Option<u32>>,
-    skew: Option<u32>,
-    latency_s: Option<f64>,
+    /// The largest difference of two live members' steps.
+    pub(super) skew: Option<u32>,
+    /// Longest time from when every live member had reached a step until a member left it, s.
+    pub(super) latency_s: Option<f64>,
 }
 
 impl Steps {
@@ -34,21 +36,6 @@ impl Steps {
                 self.latency_s = Some(self.latency_s.unwrap_or(0.0).max(t_s - open_s));
             }
         }
-    }
-
-    /// Number of steps that every live member has reached or passed.
-    pub(super) fn passed(&self) -> Option<u64> {
-        self.passed.map(u64::from)
-    }
-
-    /// The largest difference of two live members' steps.
-    pub(super) fn skew(&self) -> Option<u64> {
-        self.skew.map(u64::from)
-    }
-
-    /// Longest time from when every live member had reached a step until a member left it, s.
-    pub(super) fn latency_s(&self) -> Option<f64> {
-        self.latency_s
     }
 
     /// Notes the steps that every live member has now reached or passed.
@@ -100,8 +87,8 @@ mod tests {
             (30.0, &[at(1, 1, Some(1)), at(2, 1, Some(1))]),
             (30.1, &[at(1, 2, Some(1)), at(2, 2, Some(1))]),
         ]);
-        assert!((steps.latency_s().unwrap() - 0.5).abs() < 1e-9, "{:?}", steps.latency_s());
-        assert_eq!((steps.passed(), steps.skew()), (Some(2), Some(1)));
+        assert!((steps.latency_s.unwrap() - 0.5).abs() < 1e-9, "{:?}", steps.latency_s);
+        assert_eq!((steps.passed, steps.skew), (Some(2), Some(1)));
     }
 
     #[test]
@@ -112,8 +99,8 @@ mod tests {
             (20.0, &[at(1, 0, Some(0)), dead]),
             (20.5, &[at(1, 1, Some(0)), dead]),
         ]);
-        assert!((steps.latency_s().unwrap() - 0.5).abs() < 1e-9, "since the death: {:?}", steps.latency_s());
-        assert_eq!((steps.passed(), steps.skew()), (Some(1), Some(0)));
+        assert!((steps.latency_s.unwrap() - 0.5).abs() < 1e-9, "since the death: {:?}", steps.latency_s);
+        assert_eq!((steps.passed, steps.skew), (Some(1), Some(0)));
     }
 
     #[test]
@@ -124,7 +111,7 @@ mod tests {
             (20.0, &[at(1, 2, Some(1)), at(2, 0, None)]),
             (30.0, &[at(1, 2, Some(1)), at(2, 2, None)]),
         ]);
-        assert_eq!((steps.passed(), steps.skew(), steps.latency_s()), (Some(2), Some(2), Some(0.0)));
+        assert_eq!((steps.passed, steps.skew, steps.latency_s), (Some(2), Some(2), Some(0.0)));
     }
 
     #[test]
@@ -137,6 +124,6 @@ mod tests {
             (11.0, &[at(1, 2, Some(2)), joining(2)]),
             (12.0, &[landing, joining(2)]),
         ]);
-        assert_eq!((steps.passed(), steps.skew(), steps.latency_s()), (Some(3), Some(0), Some(2.0)));
+        assert_eq!((steps.passed, steps.skew, steps.latency_s), (Some(3), Some(0), Some(2.0)));
     }
 }

@@ -26,18 +26,20 @@ pub(super) struct Separations {
     /// Number of vehicles of the swarm.
     vehicles: usize,
     /// The vehicles in the air at the last observation, in the order of ids.
-    airborne: Vec<Airborne>,
+    airborne: Vec<Placed>,
     /// Indices of `airborne`, in the order along the line.
     order: Vec<usize>,
     /// Square of the least distance so far, m²; infinite before there was a pair.
     least_square: f64,
     /// The pairs that have collided, lower id first.
     collided: BTreeSet<(VehicleId, VehicleId)>,
-    risk: Mean,
+    /// Share of all pairs that are in a collision, averaged over time.
+    pub(super) risk: Mean,
 }
 
+/// A vehicle in the air.
 #[derive(Clone, Copy, Debug)]
-struct Airborne {
+struct Placed {
     id: VehicleId,
     position: PositionNed,
     /// Place along the line, m.
@@ -64,7 +66,7 @@ impl Separations {
         let in_the_air = vehicles.iter().filter(|one| one.truth.height_m > AIRBORNE_ABOVE_M);
         self.airborne.extend(in_the_air.filter(|one| one.truth.position.is_finite()).map(|one| {
             let position = one.truth.position;
-            Airborne { id: one.id, position, along_m: position.0.dot(&ALONG) }
+            Placed { id: one.id, position, along_m: position.0.dot(&ALONG) }
         }));
         if !counts {
             return;
@@ -127,11 +129,6 @@ impl Separations {
     /// Number of pairs that have collided.
     pub(super) fn collisions(&self) -> u64 {
         self.collided.len() as u64
-    }
-
-    /// Share of all pairs that are in a collision, averaged over time.
-    pub(super) fn risk(&self) -> Option<f64> {
-        self.risk.mean()
     }
 
     /// Least distance of any pair so far, m.
@@ -226,7 +223,7 @@ mod tests {
             assert_eq!(swept.collided, collided);
             let shares = all.colliding.iter().map(|&colliding| f64::from(colliding) / swept.pairs());
             let risk = shares.sum::<f64>() / all.colliding.len() as f64;
-            assert_eq!(swept.risk(), (count > 1).then_some(risk));
+            assert_eq!(swept.risk.mean(), (count > 1).then_some(risk));
         }
     }
 }

@@ -1,22 +1,14 @@
 //! Accumulators for the samples of a run.
 
-use std::collections::VecDeque;
-
-use super::STEADY_S;
-
 /// Finds the first time after which a condition holds to the end.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Settling {
-    since_s: Option<f64>,
+    pub(super) since_s: Option<f64>,
 }
 
 impl Settling {
     pub(super) fn observe(&mut self, t_s: f64, holds: bool) {
         self.since_s = if holds { self.since_s.or(Some(t_s)) } else { None };
-    }
-
-    pub(super) fn since_s(&self) -> Option<f64> {
-        self.since_s
     }
 }
 
@@ -24,7 +16,8 @@ impl Settling {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Worst {
     longest_s: Option<f64>,
-    is_never: bool,
+    /// Whether a reaction never came, although it had enough time.
+    pub(super) is_never: bool,
 }
 
 impl Worst {
@@ -33,19 +26,9 @@ impl Worst {
         self.longest_s = Some(self.longest_s.map_or(took_s, |longest_s| longest_s.max(took_s)));
     }
 
-    /// Adds a reaction that had enough time and never came.
-    pub(super) fn add_never(&mut self) {
-        self.is_never = true;
-    }
-
     /// Longest delay, s; `None` if a reaction never came.
     pub(super) fn s(&self) -> Option<f64> {
         self.longest_s.filter(|_| !self.is_never)
-    }
-
-    /// Whether a reaction never came.
-    pub(super) fn is_never(&self) -> bool {
-        self.is_never
     }
 }
 
@@ -69,30 +52,6 @@ impl Mean {
 
     pub(super) fn mean(&self) -> Option<f64> {
         (self.count > 0).then(|| self.sum / self.count as f64)
-    }
-}
-
-/// The samples of a value over the last [`STEADY_S`].
-#[derive(Clone, Debug, Default)]
-pub(super) struct Window {
-    samples: VecDeque<(f64, f64)>,
-}
-
-impl Window {
-    pub(super) fn add(&mut self, t_s: f64, value: f64) {
-        drop_before(&mut self.samples, t_s - STEADY_S, |sample| sample.0);
-        self.samples.push_back((t_s, value));
-    }
-
-    /// Mean of the values since `since_s`; `None` without values.
-    pub(super) fn mean(&self, since_s: f64) -> Option<f64> {
-        mean(self.samples.iter().filter(|sample| sample.0 >= since_s).map(|sample| sample.1))
-    }
-}
-
-pub(super) fn drop_before<T>(samples: &mut VecDeque<T>, first_s: f64, time_s: impl Fn(&T) -> f64) {
-    while samples.front().is_some_and(|sample| time_s(sample) < first_s) {
-        samples.pop_front();
     }
 }
 

@@ -7,7 +7,7 @@ use skein_core::formation::{self, ring::Ring};
 
 /// The formation during one step of the mission.
 #[derive(Debug)]
-pub(crate) struct Shape {
+pub(crate) struct StepShape {
     pub(super) ring: Ring,
     /// Rotation by the heading of the ring's first axis.
     turn: Rotation2<f64>,
@@ -18,7 +18,7 @@ pub(crate) struct Shape {
     pub(super) path_ends: Option<[Vector2<f64>; 2]>,
 }
 
-impl Shape {
+impl StepShape {
     pub(crate) fn new(step: &Step) -> Self {
         let path_ends = match &step.target {
             Target::Path(corners) => corners.first().zip(corners.last()),

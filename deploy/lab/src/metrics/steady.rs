@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use skein_common::math;
 
 use super::STEADY_S;
-use super::series::{Mean, drop_before, extremes, mean};
+use super::series::{Mean, extremes, mean};
 
 /// A value of the whole swarm at one instant.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +20,8 @@ pub(super) enum Column {
     Order,
     /// Mean speed of the members, m/s: Vásárhelyi's φ^vel.
     Speed,
+    /// Correlation of velocities within the components of the communication graph: Vásárhelyi's φ^corr.
+    Correlation,
     /// Number of members.
     Members,
     /// Mean over the members of the level ρ: the distance from the centre in the metric of the formation's ellipse, m.
@@ -67,7 +69,7 @@ impl MemberSums {
         self.rho_m.add(rho_m);
         self.square.add(math::square(rho_m - radius_m));
         altitude_error_m.into_iter().for_each(|error_m| self.altitude_square.add(math::square(error_m)));
-        self.inside.add(if is_inside { 1.0 } else { 0.0 });
+        self.inside.add(f64::from(is_inside));
         let (least_m, largest_m) = self.extremes_m.unwrap_or((rho_m, rho_m));
         self.extremes_m = Some((least_m.min(rho_m), largest_m.max(rho_m)));
     }
@@ -76,7 +78,7 @@ impl MemberSums {
 impl SwarmSeries {
     /// Begins the next instant, without values.
     pub(super) fn begin(&mut self, t_s: f64) {
-        drop_before(&mut self.0, t_s - STEADY_S, |row| row.t_s);
+        while self.0.pop_front_if(|row| row.t_s < t_s - STEADY_S).is_some() {}
         if let (Some(last), true) = (self.0.back(), self.0.len() == self.0.capacity()) {
             // Room for a whole window, and not twice as much.
             let window = (STEADY_S / (t_s - last.t_s)).min(LARGEST_RESERVE) as usize + 8;

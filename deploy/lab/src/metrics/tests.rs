@@ -137,8 +137,8 @@ fn every_key_is_written_even_without_a_value_and_is_in_the_table_of_figures() {
     let report = report(&metrics("swarm.vehicles = 2"));
     let serde_json::Value::Object(keys) = serde_json::to_value(&report).unwrap() else { panic!("an object") };
     let run = ["scenario", "preset", "law", "conversion", "plant", "target", "seed", "version", "revision", "vehicles"];
-    let figures = figures::FIGURES.map(|figure| figure.key);
-    let expected: BTreeSet<&str> = run.into_iter().chain(["vehicle"]).chain(figures).collect();
+    let figures = figures::FIGURES.iter().map(|figure| figure.key);
+    let expected: BTreeSet<&str> = run.into_iter().chain(["vehicle"]).chain(figures.clone()).collect();
     assert_eq!(keys.keys().map(String::as_str).collect::<BTreeSet<_>>(), expected);
     assert_eq!(expected.len(), run.len() + 1 + figures.len(), "every figure is in the table once");
 }

@@ -1,4 +1,4 @@
-//! What each vehicle of a fleet received in a flight: the table `traffic.csv` in the folder of the run.
+//! The messages that each vehicle of a fleet received in a flight: the table `traffic.csv` in the folder of the run.
 
 use std::fs::File;
 use std::io;

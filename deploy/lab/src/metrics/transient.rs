@@ -48,7 +48,7 @@ impl Transients {
             self.current = (!is_split).then_some(begins);
         } else if step != self.step {
             match &mut self.current {
-                Some(current) if current.settling.since_s().is_none() => current.calm_since_s = t_s,
+                Some(current) if current.settling.since_s.is_none() => current.calm_since_s = t_s,
                 _ => self.close(t_s),
             }
         }
@@ -67,9 +67,9 @@ impl Transients {
 
     fn close(&mut self, t_s: f64) {
         let Some(Transient { since_s, calm_since_s, settling }) = self.current.take() else { return };
-        match settling.since_s() {
+        match settling.since_s {
             Some(settled_s) => self.worst.add_time(settled_s - since_s),
-            None if t_s - calm_since_s > LIMIT_S => self.worst.add_never(),
+            None if t_s - calm_since_s > LIMIT_S => self.worst.is_never = true,
             None => {}
         }
     }
@@ -102,7 +102,7 @@ mod tests {
             transients.observe(f64::from(t_s), members(t_s), is_split(t_s), Some(step(t_s)), is_settled(t_s));
         }
         let worst = transients.worst(f64::from(end_s));
-        (worst.s(), worst.is_never())
+        (worst.s(), worst.is_never)
     }
 
     #[test]

@@ -170,7 +170,7 @@ impl<S: Sink> Channels<S> {
     }
 
     /// Publishes the places of a team's vehicles.
-    pub(super) fn places(&mut self, log_time_ns: u64, places: &TeamPlaces) {
+    pub fn places(&mut self, log_time_ns: u64, places: &TeamPlaces) {
         self.put_json(self.numbers.places, log_time_ns, places);
     }
 

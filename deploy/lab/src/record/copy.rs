@@ -11,7 +11,7 @@ use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
 use mcap::{Attachment, Channel};
 
 use super::draft::Draft;
-use super::scan::Found;
+use super::scan::{Found, Piece};
 use super::writer::options;
 use super::{RecordError, format};
 
@@ -35,6 +35,15 @@ impl Copy {
             metadata: Vec::new(),
             draft,
         })
+    }
+
+    /// Copies a part of the source file with this index.
+    pub(super) fn piece(&mut self, file: usize, piece: Piece<'_>) -> Result<(), RecordError> {
+        match piece {
+            Piece::Message(channel, header, data) => self.message(file, channel, header, data),
+            Piece::Attachment(header, data) => self.attachment(header, data),
+            Piece::Metadata(metadata) => self.metadata(metadata),
+        }
     }
 
     /// Copies a message of the source file with this index.
@@ -61,7 +70,7 @@ impl Copy {
     }
 
     /// Copies an attachment, unless the new file already has the same.
-    pub(super) fn attachment(&mut self, header: AttachmentHeader, data: &[u8]) -> Result<(), RecordError> {
+    fn attachment(&mut self, header: AttachmentHeader, data: &[u8]) -> Result<(), RecordError> {
         let is_same = |(other, theirs): &(AttachmentHeader, Vec<u8>)| other.name == header.name && theirs == data;
         if self.attachments.iter().any(is_same) {
             return Ok(());
@@ -73,7 +82,7 @@ impl Copy {
     }
 
     /// Copies a metadata record, unless the new file already has the same.
-    pub(super) fn metadata(&mut self, metadata: Metadata) -> Result<(), RecordError> {
+    fn metadata(&mut self, metadata: Metadata) -> Result<(), RecordError> {
         if !self.metadata.contains(&metadata) {
             self.mcap.write_metadata(&metadata)?;
             self.metadata.push(metadata);

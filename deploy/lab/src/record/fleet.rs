@@ -9,7 +9,6 @@
 //! | `/teams` | places and mission steps of a team's vehicles |
 //! | `/events`, `/faults` | those of all teams, each with its team |
 
-use std::fs;
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -18,7 +17,8 @@ use skein_common::frame::PositionNed;
 use skein_common::id::{TeamId, VehicleId};
 use skein_common::message::Severity;
 
-use super::scan::{Piece, scan};
+use super::reader::parse;
+use super::scan::{Piece, scan_file};
 use super::{RecordError, format};
 use crate::recording::Lacks;
 
@@ -83,7 +83,7 @@ pub(super) struct TeamLine {
 pub struct FleetPlaces {
     /// All places, in the order of time and team.
     pub places: Vec<TeamPlaces>,
-    /// What its file lacks.
+    /// The parts of the flight that its file lacks.
     pub lacks: Lacks,
 }
 
@@ -92,15 +92,12 @@ pub struct FleetPlaces {
 /// # Errors
 /// The file cannot be read, or is not the recording of a fleet.
 pub fn read_fleet(path: &Path) -> Result<FleetPlaces, RecordError> {
-    let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
     let (mut places, mut lacks) = (Vec::new(), Lacks::default());
-    let found = scan(&bytes, |piece| {
+    let found = scan_file(path, |piece| {
         if let Piece::Message(channel, _, data) = piece
             && channel.topic == TEAMS
         {
-            let what =
-                |error: serde_json::Error| RecordError::Message { topic: TEAMS.to_owned(), what: error.to_string() };
-            places.push(serde_json::from_slice(data).map_err(what)?);
+            places.push(parse(TEAMS, data)?);
         }
         if let Piece::Metadata(metadata) = piece {
             format::add_lacks(&mut lacks, &metadata);
@@ -129,7 +126,7 @@ pub(super) mod tests {
         let described = load_any(&Source { name: "fleet.toml", text }, &[]).unwrap();
         let scenario = &described.first().scenario;
         let about = RecordingInfo { scenario, scenario_toml: text, run: &Run::default(), clock: "" };
-        Writer::of_fleet(File::create_new(path).unwrap(), &about, 0).unwrap()
+        Writer::begin_fleet(File::create_new(path).unwrap(), &about, 0).unwrap()
     }
 
     #[test]

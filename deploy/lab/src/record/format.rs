@@ -11,6 +11,7 @@ use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::EventKind;
 
 use crate::faults::InjectedFault;
+pub(super) use crate::metrics::spelling;
 use crate::recording::Lacks;
 
 /// Version of the format; a change that older programs cannot read increases it.
@@ -128,14 +129,6 @@ pub(crate) fn log_time_ns(zero_ns: u64, t_s: f64) -> u64 {
 pub(super) fn seconds_since(zero_ns: u64, log_time_ns: u64) -> f64 {
     // A division gives the number nearest to the decimal value; a multiplication would not.
     log_time_ns.wrapping_sub(zero_ns) as i64 as f64 / 1e9
-}
-
-/// The spelling of a choice in JSON.
-pub(super) fn spelling(choice: &impl Serialize) -> String {
-    match serde_json::to_value(choice) {
-        Ok(serde_json::Value::String(text)) => text,
-        _ => String::new(),
-    }
 }
 
 /// The vehicle that a fault affects; `None` if it affects links.

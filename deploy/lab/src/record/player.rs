@@ -56,7 +56,7 @@ pub struct PlayedEvent {
     pub t_s: f64,
     /// The vehicle; `None` if a fault affects links.
     pub vehicle: Option<VehicleName>,
-    /// What happened.
+    /// The event or the fault as text.
     pub text: String,
     /// The event as data; `None` of a fault, and in a fleet's recording, which has only the text.
     pub what: Option<EventKind>,

@@ -1,7 +1,6 @@
 //! Reads a recording.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::Path;
 
 use mcap::records::Metadata;
@@ -12,7 +11,7 @@ use skein_common::scenario::{Source, load};
 
 use super::RecordError;
 use super::format::{self, EventLine, FaultLine, seconds_since};
-use super::scan::{Found, Piece, scan};
+use super::scan::{Found, Piece, scan_file};
 use crate::metrics::Run;
 use crate::recording::{Lacks, Noted, NotedKind, Recording, Step};
 
@@ -42,9 +41,8 @@ pub(super) struct FullRecording {
 }
 
 pub(super) fn read_all(path: &Path) -> Result<FullRecording, RecordError> {
-    let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
     let mut pieces = Pieces::default();
-    let scanned = scan(&bytes, |piece| pieces.take(piece));
+    let scanned = scan_file(path, |piece| pieces.take(piece));
     let release = pieces.run.as_ref().and_then(|run| run.get("version")).cloned().unwrap_or_default();
     scanned.and_then(|found| pieces.assemble(&found)).map_err(|error| error.recorded_by(&release).reading(path))
 }
@@ -68,7 +66,7 @@ struct Pieces {
     first_ns: Option<u64>,
     /// Whether this file was repaired or merged from a file with damaged records outside chunks.
     lacks_records: bool,
-    /// What the files lack from which this one was made, and the recorder's own counts.
+    /// The parts that the files lack from which this one was made, and the recorder's own counts.
     lacks: Lacks,
     steps: Vec<(u64, Trace)>,
     noted: Vec<(u64, EventId, NotedKind)>,

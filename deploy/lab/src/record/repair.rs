@@ -52,11 +52,7 @@ pub fn repair(path: &Path) -> Result<Repaired, RecordError> {
 fn write(bytes: &[u8], path: &Path) -> Result<PathBuf, RecordError> {
     let to = path.with_extension("repaired.mcap");
     let mut copy = Copy::new(&to)?;
-    let found = scan(bytes, |piece| match piece {
-        Piece::Message(channel, header, data) => copy.message(0, channel, header, data),
-        Piece::Attachment(header, data) => copy.attachment(header, data),
-        Piece::Metadata(metadata) => copy.metadata(metadata),
-    })?;
+    let found = scan(bytes, |piece| copy.piece(0, piece))?;
     copy.found(0, &found)?;
     copy.finish()?;
     Ok(to)

@@ -4,6 +4,8 @@
 //! reading continues behind it. Messages are in chunks: a message outside a chunk has no checksum and is skipped. A record whose
 //! length leads beyond the end of the file ends the reading.
 
+use std::fs;
+use std::path::Path;
 use std::sync::Arc;
 
 use mcap::read::ChannelAccumulator;
@@ -49,29 +51,33 @@ pub(super) struct Found {
     pub(super) left_over: usize,
 }
 
-/// Hands every intact part of the file to `take` and returns the condition of the file.
+/// Hands every intact part of the file at `path` to `take` and returns the condition of the file.
 ///
 /// # Errors
-/// The bytes are not an MCAP file, or `take` fails.
-pub(super) fn scan(
-    bytes: &[u8],
-    mut take: impl FnMut(Piece<'_>) -> Result<(), RecordError>,
+/// The file cannot be read, it is not an MCAP file, or `take` fails.
+pub(super) fn scan_file(
+    path: &Path,
+    take: impl FnMut(Piece<'_>) -> Result<(), RecordError>,
 ) -> Result<Found, RecordError> {
+    let bytes = fs::read(path).map_err(|error| RecordError::Io { path: path.to_owned(), error })?;
+    scan(&bytes, take)
+}
+
+/// Hands every intact part of these bytes to `take`, as [`scan_file`] does.
+pub(super) fn scan(bytes: &[u8], take: impl FnMut(Piece<'_>) -> Result<(), RecordError>) -> Result<Found, RecordError> {
     let mut rest = bytes.strip_prefix(MAGIC).ok_or(RecordError::NoMcap)?;
-    let mut channels = ChannelAccumulator::default();
-    let (mut found, mut have_checksums) = (Found::default(), false);
+    let mut scanner = Scanner { take, channels: ChannelAccumulator::default(), have_checksums: false };
+    let mut found = Found::default();
     while let Some((kind, content, behind)) = split_record(rest) {
         let taken = match kind {
             op::DATA_END if content.len() == DATA_END => {
                 let ends_well = behind.ends_with(MAGIC);
                 return Ok(Found { is_whole: ends_well && found.damaged == 0, is_cut: !ends_well, ..found });
             }
-            op::CHUNK => {
-                has_checksum(content) && read_chunk(&rest[..PREFIX + content.len()], &mut channels, &mut take)?
-            }
-            op::METADATA => read_metadata(content, &mut have_checksums, &mut take)?,
+            op::CHUNK => has_checksum(content) && scanner.read_chunk(&rest[..PREFIX + content.len()])?,
+            op::METADATA => scanner.read_metadata(content)?,
             op::MESSAGE => false,
-            _ => read_record(kind, content, &mut channels, &mut take)?,
+            _ => scanner.read_record(kind, content)?,
         };
         found.damaged += usize::from(!taken);
         found.damaged_outside_chunks += usize::from(!taken && kind != op::CHUNK);
@@ -117,71 +123,70 @@ fn attachment_fields(content: &[u8]) -> Option<usize> {
     behind_text(behind_text(2 * 8)?)?.checked_add(8)
 }
 
-/// Hands a metadata record to `take`. Returns false if the record is damaged: its checksum is wrong, or it has none although an
-/// earlier record has one.
-fn read_metadata(
-    content: &[u8],
-    have_checksums: &mut bool,
-    take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
-) -> Result<bool, RecordError> {
-    let Ok(Record::Metadata(metadata)) = parse_content(op::METADATA, content) else { return Ok(false) };
-    let is_intact = format::is_intact(&metadata);
-    *have_checksums |= is_intact.is_some();
-    if !is_intact.unwrap_or(!*have_checksums) {
-        return Ok(false);
-    }
-    take(Piece::Metadata(metadata))?;
-    Ok(true)
+/// Hands what it reads to `take`.
+struct Scanner<Take> {
+    take: Take,
+    channels: ChannelAccumulator<'static>,
+    /// Whether a metadata record had a checksum.
+    have_checksums: bool,
 }
 
-/// Hands the contents of a chunk to `take`. Returns false if the chunk is damaged.
-fn read_chunk(
-    record: &[u8],
-    channels: &mut ChannelAccumulator<'static>,
-    take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
-) -> Result<bool, RecordError> {
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(LARGEST_CHUNK);
-    let mut reader = LinearReader::new_with_options(options);
-    let (mut rest, mut is_good) = (record, true);
-    while let Some(event) = reader.next_event() {
-        match event {
-            Ok(LinearReadEvent::ReadRequest(_)) if rest.is_empty() => break,
-            Ok(LinearReadEvent::ReadRequest(wanted)) => {
-                let (next, behind) = rest.split_at(wanted.min(rest.len()));
-                reader.insert(next.len()).copy_from_slice(next);
-                reader.notify_read(next.len());
-                rest = behind;
-            }
-            Ok(LinearReadEvent::Record { data, opcode }) => is_good &= read_record(opcode, data, channels, take)?,
-            Err(_) => return Ok(false),
+impl<Take: FnMut(Piece<'_>) -> Result<(), RecordError>> Scanner<Take> {
+    /// Hands a metadata record to `take`. Returns false if the record is damaged: its checksum is wrong, or it has none although an
+    /// earlier record has one.
+    fn read_metadata(&mut self, content: &[u8]) -> Result<bool, RecordError> {
+        let Ok(Record::Metadata(metadata)) = parse_content(op::METADATA, content) else { return Ok(false) };
+        let is_intact = format::is_intact(&metadata);
+        self.have_checksums |= is_intact.is_some();
+        if !is_intact.unwrap_or(!self.have_checksums) {
+            return Ok(false);
         }
+        (self.take)(Piece::Metadata(metadata))?;
+        Ok(true)
     }
-    Ok(is_good)
-}
 
-/// Hands one record that is neither a chunk nor metadata to `take`. Returns false if the record is damaged or of an unknown kind.
-fn read_record(
-    kind: u8,
-    content: &[u8],
-    channels: &mut ChannelAccumulator<'static>,
-    take: &mut impl FnMut(Piece<'_>) -> Result<(), RecordError>,
-) -> Result<bool, RecordError> {
-    let Ok(record) = parse_content(kind, content) else { return Ok(false) };
-    match record {
-        Record::Schema { header, data } => return Ok(channels.add_schema(header, data.into_owned().into()).is_ok()),
-        Record::Channel(channel) => return Ok(channels.add_channel(channel).is_ok()),
-        Record::Message { header, data } => match channels.get(header.channel_id) {
-            Some(channel) => take(Piece::Message(&channel, header, &data))?,
-            None => return Ok(false),
-        },
-        Record::Attachment { crc: 0, .. } => return Ok(false),
-        Record::Attachment { header, data, .. } => take(Piece::Attachment(header, &data))?,
-        Record::Unknown { .. } => return Ok(false),
-        _ => {}
+    /// Hands the contents of a chunk to `take`. Returns false if the chunk is damaged.
+    fn read_chunk(&mut self, record: &[u8]) -> Result<bool, RecordError> {
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(LARGEST_CHUNK);
+        let mut reader = LinearReader::new_with_options(options);
+        let (mut rest, mut is_good) = (record, true);
+        while let Some(event) = reader.next_event() {
+            match event {
+                Ok(LinearReadEvent::ReadRequest(_)) if rest.is_empty() => break,
+                Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                    let (next, behind) = rest.split_at(wanted.min(rest.len()));
+                    reader.insert(next.len()).copy_from_slice(next);
+                    reader.notify_read(next.len());
+                    rest = behind;
+                }
+                Ok(LinearReadEvent::Record { data, opcode }) => is_good &= self.read_record(opcode, data)?,
+                Err(_) => return Ok(false),
+            }
+        }
+        Ok(is_good)
     }
-    Ok(true)
+
+    /// Hands one record that is neither a chunk nor metadata to `take`. Returns false if the record is damaged or of an unknown kind.
+    fn read_record(&mut self, kind: u8, content: &[u8]) -> Result<bool, RecordError> {
+        let Ok(record) = parse_content(kind, content) else { return Ok(false) };
+        match record {
+            Record::Schema { header, data } => {
+                return Ok(self.channels.add_schema(header, data.into_owned().into()).is_ok());
+            }
+            Record::Channel(channel) => return Ok(self.channels.add_channel(channel).is_ok()),
+            Record::Message { header, data } => match self.channels.get(header.channel_id) {
+                Some(channel) => (self.take)(Piece::Message(&channel, header, &data))?,
+                None => return Ok(false),
+            },
+            Record::Attachment { crc: 0, .. } => return Ok(false),
+            Record::Attachment { header, data, .. } => (self.take)(Piece::Attachment(header, &data))?,
+            Record::Unknown { .. } => return Ok(false),
+            _ => {}
+        }
+        Ok(true)
+    }
 }

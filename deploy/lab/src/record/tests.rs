@@ -1,5 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
 
+use proptest::prelude::*;
 use serde_json::Value;
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{EventKind, Failure, Header, LawNumber, Order, Signature, Trace, Verb};
@@ -26,7 +28,7 @@ pub(super) fn steps() -> Vec<Trace> {
     recording.tracks.into_iter().flat_map(|track| track.steps).map(|step| step.trace).collect()
 }
 
-/// What of a value its schema does not describe. Stricter than JSON Schema: every key of a message has to be one of the schema's
+/// The part of a value that its schema does not describe. Stricter than JSON Schema: every key of a message has to be one of the schema's
 /// and required there, and every description a plain text.
 fn mismatch(schema: &Value, value: &Value, path: &str) -> Option<String> {
     let fault = |what: &str| Some(format!("{path}: {value} {what} of {schema}"));
@@ -85,7 +87,7 @@ fn every_recorded_message_is_as_its_schema_describes() {
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
     let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
-    let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
     let mut steps = steps();
     // A law's numbers, and what only flights in real time have.
     let last = steps.last_mut().unwrap();
@@ -130,7 +132,7 @@ fn every_recorded_message_is_as_its_schema_describes() {
     assert_eq!(checked, expected.map(|(name, count)| (name.to_owned(), count)).into());
 }
 
-/// What Foxglove's published reader of JSON schemas does not know, by the rules of its source (`parseJsonSchema`).
+/// The part of a schema that Foxglove's published reader of JSON schemas does not know, by the rules of its source (`parseJsonSchema`).
 fn unknown_to_foxglove(schema: &Value, path: &str) -> Option<String> {
     let no_choice = schema["oneOf"].is_null() && schema["anyOf"].is_null() && schema["$ref"].is_null();
     match schema["type"].as_str().filter(|_| no_choice) {
@@ -194,7 +196,7 @@ fn an_event_that_two_recorders_received_counts_once() {
     // The second recorder receives it a little later, and a restarted agent sends the same in another incarnation.
     let received = |life: u64, sequence| Header { incarnation: Incarnation(life), sequence, ..header };
     let recorded = |name: &str, late_ns: u64| {
-        let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+        let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
         for (nth, header) in [received(1, 1), received(1, 2), received(2, 1)].iter().enumerate() {
             writer.event(1_000 * nth as u64 + late_ns, header.sender, Some(header), &EventKind::AtAltitude);
         }
@@ -231,7 +233,7 @@ fn a_step_with_impossible_numbers_is_counted_and_the_rest_is_there() {
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
     let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
-    let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
     let steps = steps();
     let mut broken = steps[1].clone();
     broken.height_m = f64::NAN;
@@ -257,7 +259,7 @@ fn vehicles_have_a_position_on_the_globe_twice_a_second_and_together() {
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
     let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
-    let mut writer = Writer::new(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
     let ids = [1, 2].map(|id| VehicleId::new(id).unwrap());
     let step = &steps()[0];
     // Two seconds with 50 steps each; the second vehicle's steps come 10 ms later.
@@ -271,4 +273,50 @@ fn vehicles_have_a_position_on_the_globe_twice_a_second_and_together() {
     let located = messages.filter(|message| message.channel.topic.ends_with("/location"));
     let times_ms: Vec<u64> = located.map(|message| message.log_time / 1_000_000).collect();
     assert_eq!(times_ms, [0, 10, 500, 510, 1000, 1010, 1500, 1510]);
+}
+
+/// The steps of [`steps`], in the order of time.
+static FLOWN: LazyLock<Vec<Trace>> = LazyLock::new(|| {
+    let mut steps = steps();
+    steps.sort_by(|one, other| one.plant_time.seconds().total_cmp(&other.plant_time.seconds()));
+    steps
+});
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    #[test]
+    fn recordings_merge_to_that_of_a_recorder_that_received_everything(
+        // Each step is received by the first recorder, by the second, or by both.
+        received in prop::collection::vec(1_u8..4, FLOWN.len()), is_reversed: bool,
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
+        let (scenario, text) = (&loaded.scenario, loaded.to_toml());
+        let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
+        let recorded = |name: &str, recorder: u8| {
+            let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+            for (nth, (step, _)) in FLOWN.iter().zip(&received).enumerate().filter(|(_, (_, by))| *by & recorder != 0) {
+                writer.step(nth as u64 * 10_000_000, step);
+                if nth % 10 == 0 {
+                    writer.event(nth as u64 * 10_000_000, step.header.sender, Some(&step.header), &EventKind::AtAltitude);
+                }
+            }
+            let path = folder.path().join(name);
+            std::fs::write(&path, writer.finish(0).unwrap().into_inner()).unwrap();
+            path
+        };
+        let whole = read(&recorded("whole.mcap", 3)).unwrap();
+        let mut parts = vec![recorded("1.mcap", 1), recorded("2.mcap", 2)];
+        if is_reversed {
+            parts.reverse();
+        }
+        let (once, twice) = (folder.path().join("once.mcap"), folder.path().join("twice.mcap"));
+        merge(&parts, &once).unwrap();
+        merge(&[once.clone(), parts[0].clone()], &twice).unwrap();
+        for merged in [once, twice] {
+            let merged = read(&merged).unwrap();
+            prop_assert_eq!((&merged.tracks, &merged.noted), (&whole.tracks, &whole.noted));
+        }
+    }
 }

@@ -5,13 +5,12 @@ use std::io::{Seek, Write};
 
 use mcap::records::MessageHeader;
 use mcap::{Attachment, Compression, WriteOptions};
-use skein_common::id::{TeamId, VehicleId, VehicleName};
-use skein_common::message::{EventKind, Header, Severity, Trace};
+use skein_common::id::VehicleId;
+use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::Scenario;
 
 use super::RecordError;
 use super::channels::{Channels, Sink};
-use super::fleet::TeamPlaces;
 use super::format::{self, log_time_ns};
 use crate::faults::InjectedFault;
 use crate::metrics::Run;
@@ -34,16 +33,15 @@ pub struct RecordingInfo<'a> {
     pub clock: &'a str,
 }
 
-/// Writes a recording of a swarm or of a fleet. The first error stops the writing; [`Self::finish`] returns it.
-pub struct Writer<W: Write + Seek> {
-    channels: Channels<McapSink<W>>,
+/// A recording of a swarm or of a fleet that is being written. The first error stops the writing; [`Writer::finish`]
+/// returns it.
+pub type Writer<W> = Channels<McapFile<W>>;
+
+/// The MCAP file that the messages of a recording go to.
+pub struct McapFile<W: Write + Seek> {
+    mcap: mcap::Writer<W>,
     /// Log time of time 0 of the calls through [`Watch`], ns.
     zero_ns: u64,
-}
-
-/// The file that the messages go to.
-struct McapSink<W: Write + Seek> {
-    mcap: mcap::Writer<W>,
     /// Sequence number of each channel's next message.
     sequences: BTreeMap<u16, u32>,
     failed: Option<RecordError>,
@@ -54,54 +52,23 @@ impl<W: Write + Seek> Writer<W> {
     ///
     /// # Errors
     /// The recording cannot be written.
-    pub fn new(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
-        Ok(Self::begin(Channels::new(McapSink::new(to, about, zero_ns)?, about.scenario)?, zero_ns))
+    pub fn begin(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
+        Ok(Self::new(McapFile::new(to, about, zero_ns)?, about.scenario)?.drawn())
     }
 
-    /// Begins the recording of a fleet, as [`Self::new`] does that of a swarm: places of vehicles, events and faults of all teams.
+    /// Begins the recording of a fleet, as [`Self::begin`] does that of a swarm: places of vehicles, events and faults
+    /// of all teams.
     ///
     /// # Errors
     /// The recording cannot be written.
-    pub fn of_fleet(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
-        Ok(Self::begin(Channels::of_fleet(McapSink::new(to, about, zero_ns)?, about.scenario)?, zero_ns))
+    pub fn begin_fleet(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
+        Ok(Self::of_fleet(McapFile::new(to, about, zero_ns)?, about.scenario)?.drawn())
     }
 
-    fn begin(mut channels: Channels<McapSink<W>>, zero_ns: u64) -> Self {
-        channels.draw(zero_ns);
-        let mut writer = Self { channels, zero_ns };
-        writer.flush();
-        writer
-    }
-
-    /// Records a step of a vehicle. A step with impossible values is only counted.
-    pub fn step(&mut self, log_time_ns: u64, trace: &Trace) {
-        self.channels.step(log_time_ns, trace);
-    }
-
-    /// Records an event that a vehicle reported of itself, with the header of its message if it came over the network.
-    pub fn event(
-        &mut self,
-        log_time_ns: u64,
-        sender: impl Into<VehicleName>,
-        header: Option<&Header>,
-        what: &EventKind,
-    ) {
-        self.channels.event(log_time_ns, sender, header, what);
-    }
-
-    /// Records a fault that was injected into the swarm, or into this team of a fleet.
-    pub fn fault(&mut self, log_time_ns: u64, team: Option<TeamId>, fault: &InjectedFault) {
-        self.channels.fault(log_time_ns, team, fault);
-    }
-
-    /// Records the places of a team's vehicles in a fleet's recording.
-    pub fn places(&mut self, log_time_ns: u64, places: &TeamPlaces) {
-        self.channels.places(log_time_ns, places);
-    }
-
-    /// Records a line of the log, from source `who`.
-    pub fn note(&mut self, log_time_ns: u64, severity: Severity, who: String, what: String) {
-        self.channels.note(log_time_ns, severity, who, what);
+    fn drawn(mut self) -> Self {
+        self.draw(self.sink.zero_ns);
+        self.flush();
+        self
     }
 
     /// Records the log time at which the figures' window begins, ns.
@@ -116,7 +83,7 @@ impl<W: Write + Seek> Writer<W> {
 
     /// Closes the current chunk and flushes it to the underlying writer.
     pub fn flush(&mut self) {
-        self.attempt(|mcap| mcap.flush());
+        self.sink.attempt(|mcap| mcap.flush());
     }
 
     /// Completes the recording and returns the underlying writer; `dropped` is the number of messages that were dropped
@@ -125,32 +92,28 @@ impl<W: Write + Seek> Writer<W> {
     /// # Errors
     /// The first error since the beginning.
     pub fn finish(mut self, dropped: u64) -> Result<W, RecordError> {
-        let refused = self.channels.refused();
+        let refused = self.refused();
         self.write_metadata_record(format::RECORDER, &[("refused_steps", refused), ("dropped", dropped)]);
-        self.attempt(|mcap| mcap.finish().map(|_| ()));
-        let McapSink { mcap, failed, .. } = self.channels.sink;
-        match failed {
+        let mut file = self.sink;
+        file.attempt(|mcap| mcap.finish().map(|_| ()));
+        match file.failed {
             Some(error) => Err(error),
-            None => Ok(mcap.into_inner()),
+            None => Ok(file.mcap.into_inner()),
         }
     }
 
     /// The first error so far, if there was one.
     pub fn failed(&self) -> Option<&RecordError> {
-        self.channels.sink.failed.as_ref()
+        self.sink.failed.as_ref()
     }
 
     fn write_metadata_record(&mut self, name: &str, values: &[(&str, u64)]) {
         let metadata = values.iter().map(|(key, value)| ((*key).to_owned(), value.to_string())).collect();
-        self.attempt(|mcap| mcap.write_metadata(&format::record(name, metadata)));
-    }
-
-    fn attempt(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> mcap::McapResult<()>) {
-        self.channels.sink.attempt(write);
+        self.sink.attempt(|mcap| mcap.write_metadata(&format::record(name, metadata)));
     }
 }
 
-impl<W: Write + Seek> McapSink<W> {
+impl<W: Write + Seek> McapFile<W> {
     /// Begins a file with the description of the flight.
     fn new(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
         let mut mcap = options().create(to)?;
@@ -162,7 +125,7 @@ impl<W: Write + Seek> McapSink<W> {
             media_type: "application/toml".to_owned(),
             data: about.scenario_toml.as_bytes().into(),
         })?;
-        Ok(Self { mcap, sequences: BTreeMap::new(), failed: None })
+        Ok(Self { mcap, zero_ns, sequences: BTreeMap::new(), failed: None })
     }
 
     fn attempt(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> mcap::McapResult<()>) {
@@ -172,7 +135,7 @@ impl<W: Write + Seek> McapSink<W> {
     }
 }
 
-impl<W: Write + Seek> Sink for McapSink<W> {
+impl<W: Write + Seek> Sink for McapFile<W> {
     fn add_schema(&mut self, name: &str, encoding: &str, data: &[u8]) -> Result<u16, RecordError> {
         Ok(self.mcap.add_schema(name, encoding, data)?)
     }
@@ -204,15 +167,15 @@ pub(super) fn options() -> WriteOptions {
 /// Records a flight in virtual time.
 impl<W: Write + Seek> Watch for Writer<W> {
     fn step(&mut self, t_s: f64, trace: &Trace) {
-        Self::step(self, log_time_ns(self.zero_ns, t_s), trace);
+        Self::step(self, log_time_ns(self.sink.zero_ns, t_s), trace);
     }
 
     fn event(&mut self, t_s: f64, sender: VehicleId, what: &EventKind) {
-        Self::event(self, log_time_ns(self.zero_ns, t_s), sender, None, what);
+        Self::event(self, log_time_ns(self.sink.zero_ns, t_s), sender, None, what);
     }
 
     fn fault(&mut self, t_s: f64, fault: &InjectedFault) {
-        Self::fault(self, log_time_ns(self.zero_ns, t_s), None, fault);
+        Self::fault(self, log_time_ns(self.sink.zero_ns, t_s), None, fault);
     }
 }
 

@@ -33,23 +33,21 @@ impl Colour {
 
     /// Letters, axes, the most important line.
     pub const BLACK: Self = Self::new(0x22, 0x22, 0x22);
-    /// What is beside the point.
+    /// The colour of whatever is beside the point.
     pub const GREY: Self = Self::new(0x76, 0x76, 0x76);
-    /// What is behind everything.
+    /// The colour of whatever is behind everything.
     pub const PALE: Self = Self::new(0xd9, 0xd9, 0xd9);
-    /// The paper.
-    pub const WHITE: Self = Self::new(0xff, 0xff, 0xff);
     /// Blue of M. Okabe & K. Ito's colour-blind-safe set, without its yellow, which is too light for lines.
     pub const BLUE: Self = Self::new(0x00, 0x72, 0xb2);
-    /// As [`Self::BLUE`].
+    /// Vermillion of the same set.
     pub const VERMILLION: Self = Self::new(0xd5, 0x5e, 0x00);
-    /// As [`Self::BLUE`].
+    /// Green of the same set.
     pub const GREEN: Self = Self::new(0x00, 0x9e, 0x73);
-    /// As [`Self::BLUE`].
+    /// Purple of the same set.
     pub const PURPLE: Self = Self::new(0xcc, 0x79, 0xa7);
-    /// As [`Self::BLUE`].
+    /// Orange of the same set.
     pub const ORANGE: Self = Self::new(0xe6, 0x9f, 0x00);
-    /// As [`Self::BLUE`].
+    /// Sky of the same set.
     pub const SKY: Self = Self::new(0x56, 0xb4, 0xe9);
 
     /// The colour of the `index`-th of several; after seven they come again.
@@ -101,7 +99,7 @@ impl Marker {
     }
 }
 
-/// What is drawn of one thing. Places are x, y in the units of the axes; whatever lies outside is cut off.
+/// The shape of one thing that is drawn. Places are x, y in the units of the axes; whatever lies outside is cut off.
 #[derive(Clone, Debug)]
 pub enum Shape {
     /// A line, in pieces where something is missing between.
@@ -174,11 +172,11 @@ pub enum Name {
 /// One thing in a panel.
 #[derive(Clone, Debug)]
 pub struct Item {
-    /// What is drawn.
+    /// Its shape.
     pub shape: Shape,
-    /// In which colour.
+    /// Its colour.
     pub colour: Colour,
-    /// What it is called.
+    /// Its name, and where that stands.
     pub name: Name,
     /// A phrase for the caption that explains what is drawn, such as "Broken lines: the band's edges"; `None` if the
     /// picture itself names it.
@@ -283,11 +281,11 @@ impl Panel {
 pub struct Drawing {
     /// Its files' name, without the ending.
     pub name: String,
-    /// What is to be seen.
+    /// The title: what is to be seen.
     pub title: String,
-    /// Of what: scenario, law, seed, version.
+    /// The line below the title: scenario, law, seed, version.
     pub subject: String,
-    /// What the picture shows, in sentences. [`Drawing::full_caption`] adds what its items mean.
+    /// A description of the picture, in sentences. [`Drawing::full_caption`] adds what its items mean.
     pub caption: String,
     /// Width and height as shown, px.
     pub size_px: [f64; 2],
@@ -296,7 +294,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// As an SVG document that needs nothing else.
+    /// The drawing as an SVG document that needs nothing else.
     pub fn svg(&self) -> String {
         layout::svg(self)
     }
@@ -323,7 +321,7 @@ impl Drawing {
     }
 }
 
-/// As it may stand between tags, or in an attribute.
+/// The text as it may stand between tags, or in an attribute.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector2;
 use skein_common::id::{TeamId, VehicleId};
 
-use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
+use super::figure::{Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 use super::page::{Part, Section};
 use super::{flight, tables, verdict};
 use crate::error::Error;
@@ -60,7 +60,8 @@ pub(super) fn section(folder: &Path, title: String, name: String, subject: &str)
     Ok(Some(Section { title, name, parts }))
 }
 
-/// Which vehicle receives which in the teams of this fleet that were recorded in full, up to [`MOST_CONTACTS`] of them.
+/// Draws which vehicle receives which in the teams of this fleet that were recorded in full, up to [`MOST_CONTACTS`] of
+/// them.
 fn contacts(folder: &Path) -> Result<Vec<Drawing>, Error> {
     // A study writes `teams/3`, a flight in real time `team-3`.
     let inside = |path: &Path| fs::read_dir(path).into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()));
@@ -81,10 +82,10 @@ fn contacts(folder: &Path) -> Result<Vec<Drawing>, Error> {
     teams.into_iter().take(MOST_CONTACTS).filter_map(|team| draw(team).transpose()).collect()
 }
 
-/// What the recording of a fleet lacks; `None` if it is whole.
+/// The sentences about what the recording of a fleet lacks; `None` if it is whole.
 fn missing(FleetPlaces { places, lacks }: &FleetPlaces) -> Option<Part> {
     let last_s = places.last().map(|places| places.t_s);
-    let lines = verdict::missing(lacks, &verdict::Place { file: "The recording of the fleet", last_s, asked_s: None });
+    let lines = verdict::missing(lacks, "The recording of the fleet", last_s, None);
     (!lines.is_empty()).then_some(Part::Verdict(lines))
 }
 
@@ -126,7 +127,7 @@ fn drawing(places: &[TeamPlaces], subject: &str) -> Option<Drawing> {
     }
     let duration_s = places.last()?.t_s;
     let ended = ended(places);
-    let (mut panels, caption) = if trails.len() <= MOST_TRAILS {
+    let (panels, caption) = if trails.len() <= MOST_TRAILS {
         (vec![vehicles_panel(&trails, &ended)], "The fleet from above, a colour for each team.")
     } else {
         let mut whole = teams_panel(&trails);
@@ -138,27 +139,27 @@ fn drawing(places: &[TeamPlaces], subject: &str) -> Option<Drawing> {
         let caption = "The fleet from above, a colour for each team. Left: all teams. Right: some neighbouring teams.";
         (vec![whole, close], caption)
     };
-    panels.iter_mut().for_each(|panel| panel.is_map = true);
-    let height_px = if panels.len() == 1 { 720.0 } else { 500.0 };
-    let width_px = if panels.len() == 1 { 720.0 } else { WIDTH_PX };
     Some(Drawing {
         name: "fleet".to_owned(),
         title: "The fleet from above".to_owned(),
         subject: subject.to_owned(),
         caption: format!("{caption} {} vehicles, {duration_s:.0} s.", trails.len()),
-        size_px: [width_px, height_px],
+        size_px: if panels.len() == 1 { [720.0; 2] } else { [WIDTH_PX, 500.0] },
         panels,
     })
 }
 
-fn map() -> Panel {
-    Panel::new(Axis::new("east", "m"), Axis::new("north", "m"))
+/// The mean of these places; zero without places.
+fn mean<'a>(places: impl Iterator<Item = &'a [f64; 2]>) -> [f64; 2] {
+    let add = |(sum, count): ([f64; 2], f64), at: &[f64; 2]| ([sum[0] + at[0], sum[1] + at[1]], count + 1.0);
+    let (sum, count) = places.fold(([0.0; 2], 0.0), add);
+    sum.map(|sum| sum / f64::max(count, 1.0))
 }
 
 /// A panel with the trail of each vehicle, and the number of each team.
 fn vehicles_panel(trails: &Trails, ended: &BTreeMap<(TeamId, VehicleId), [f64; 2]>) -> Panel {
     let every = trails.values().map(Vec::len).sum::<usize>().div_ceil(MOST_POINTS).max(1);
-    let mut panel = map();
+    let mut panel = flight::map();
     let colour = |team: TeamId| Colour::nth(usize::from(team.get()) - 1);
     let mut teams: BTreeMap<TeamId, Vec<[f64; 2]>> = BTreeMap::new();
     for ((team, _), trail) in trails {
@@ -181,8 +182,7 @@ fn vehicles_panel(trails: &Trails, ended: &BTreeMap<(TeamId, VehicleId), [f64; 2
     }
     if teams.len() <= MOST_NUMBERS {
         for (team, last) in &teams {
-            let mean = [0, 1].map(|axis| last.iter().map(|at| at[axis]).sum::<f64>() / last.len() as f64);
-            let number = Shape::Note { at: mean, text: team.to_string(), side: [0.0, 0.0] };
+            let number = Shape::Note { at: mean(last.iter()), text: team.to_string(), side: [0.0, 0.0] };
             panel.items.push(Item::new(number, Colour::BLACK).meaning("Numbers: the teams"));
         }
     }
@@ -195,17 +195,13 @@ fn teams_panel(trails: &Trails) -> Panel {
     trails.iter().for_each(|((team, _), trail)| teams.entry(*team).or_default().push(trail));
     let longest = trails.values().map(Vec::len).max().unwrap_or(0);
     let every = (teams.len() * longest).div_ceil(MOST_POINTS).max(1);
-    let mut panel = map();
+    let mut panel = flight::map();
     for (team, trails) in &teams {
-        let mean = |nth: usize| {
-            let at = trails.iter().filter_map(|trail| trail.get(nth));
-            let count = at.clone().count().max(1) as f64;
-            let sum = at.fold([0.0; 2], |sum, place| [sum[0] + place[0], sum[1] + place[1]]);
-            [sum[0] / count, sum[1] / count]
-        };
-        let mean: Vec<_> = (0..trails.iter().map(|trail| trail.len()).max().unwrap_or(0)).map(mean).collect();
+        let longest = trails.iter().map(|trail| trail.len()).max().unwrap_or(0);
+        let centre = |nth: usize| mean(trails.iter().filter_map(|trail| trail.get(nth)));
+        let centres: Vec<_> = (0..longest).map(centre).collect();
         let colour = Colour::nth(usize::from(team.get()) - 1);
-        let line = Item::line(vec![thinned(&mean, every)], colour.faint(0.6)).wide(0.8);
+        let line = Item::line(vec![thinned(&centres, every)], colour.faint(0.6)).wide(0.8);
         panel.items.push(line.meaning("Lines on the left: the paths of the teams' centres"));
         let at = trails.iter().filter_map(|trail| trail.last().copied()).collect();
         let dots = Shape::Dots { at, marker: Marker::Circle, size_px: 1.2 };
@@ -216,13 +212,10 @@ fn teams_panel(trails: &Trails) -> Panel {
 
 /// The teams that began nearest to the middle of the fleet.
 fn close(trails: &Trails) -> Trails {
-    let first = |trail: &Vec<[f64; 2]>| trail.first().copied().unwrap_or_default();
-    let count = trails.len().max(1) as f64;
-    let sum = trails.values().map(first).fold([0.0; 2], |sum, at| [sum[0] + at[0], sum[1] + at[1]]);
-    let middle = [sum[0] / count, sum[1] / count];
+    let middle = mean(trails.values().filter_map(|trail| trail.first()));
     let mut nearest: BTreeMap<TeamId, f64> = BTreeMap::new();
     for ((team, _), trail) in trails {
-        let at = first(trail);
+        let Some(at) = trail.first() else { continue };
         let away_m = Vector2::new(at[0] - middle[0], at[1] - middle[1]).norm();
         nearest.entry(*team).and_modify(|least_m| *least_m = least_m.min(away_m)).or_insert(away_m);
     }

@@ -20,10 +20,11 @@ use skein_common::message::Trace;
 use skein_common::scenario::{Formation, Law, Preset, Scenario, Step as Leg, Target};
 use skein_common::state::{Activity, Membership};
 
+pub(super) use map::map;
 pub(super) use marks::injected;
 
 use super::figure::{self, Axis, Colour, Drawing, Item, Panel, WIDTH_PX};
-use crate::metrics::{Run, Shape};
+use crate::metrics::{Run, StepShape};
 use crate::recording::{Recording, Step};
 use skein_common::statistics::quantile;
 
@@ -308,7 +309,7 @@ pub(super) fn pieces(places: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<Vec<
 fn level_m(scenario: &Scenario, trace: &Trace) -> Option<f64> {
     let formation = scenario.formation_with(trace.step, &trace.settings)?;
     let centre = PositionNed::new(trace.centre_ne_m[0], trace.centre_ne_m[1], -formation.altitude_m);
-    Some(Shape::of_formation(&formation).level_m(trace.position - centre))
+    Some(StepShape::of_formation(&formation).level_m(trace.position - centre))
 }
 
 /// The radii R_in, R*, R_out of a formation, m; `None` where its law does not define them.

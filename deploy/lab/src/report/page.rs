@@ -22,7 +22,7 @@ pub struct Page {
     pub title: String,
     /// Line below the title.
     pub about: String,
-    /// What flew, and how it went.
+    /// The verdict: what flew, and how it went.
     pub verdict: Vec<Line>,
     /// Sections, in their order on the page.
     pub sections: Vec<Section>,

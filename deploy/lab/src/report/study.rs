@@ -54,7 +54,7 @@ const LONGEST_NAME: usize = 14;
 const MOST_FLIGHTS: usize = 6;
 
 /// Runs that differ only in their seeds.
-struct Point<'a> {
+struct PointRuns<'a> {
     /// Folder of the point, relative to the folder of the study.
     place: String,
     /// Values of the swept keys; the folder if the study is not a sweep.
@@ -63,7 +63,7 @@ struct Point<'a> {
     summary: Summary,
 }
 
-impl Point<'_> {
+impl PointRuns<'_> {
     fn name(&self) -> String {
         self.values.join(", ")
     }
@@ -113,7 +113,7 @@ pub(super) fn page(folder: &Folder) -> Result<Page, Error> {
 }
 
 /// Makes the page of a folder with a single run: its pictures, then its figures.
-fn of_one(folder: &Folder, run: &Flown, points: &[Point<'_>], subject: String) -> Result<Page, Error> {
+fn of_one(folder: &Folder, run: &Flown, points: &[PointRuns<'_>], subject: String) -> Result<Page, Error> {
     let mut sections = flights(folder, points)?;
     sections.iter_mut().for_each(|section| section.title = "Pictures".to_owned());
     // The verdict of the flight is that of the page.
@@ -134,9 +134,9 @@ fn of_one(folder: &Folder, run: &Flown, points: &[Point<'_>], subject: String) -
 }
 
 /// Groups the runs by point, in the order of their folders.
-fn points(folder: &Folder) -> Vec<Point<'_>> {
+fn points(folder: &Folder) -> Vec<PointRuns<'_>> {
     let varying = folder.varying();
-    let mut points: Vec<Point<'_>> = Vec::new();
+    let mut points: Vec<PointRuns<'_>> = Vec::new();
     for run in &folder.runs {
         let place = above(run, folder);
         if let Some(point) = points.iter_mut().find(|point| point.place == place) {
@@ -147,7 +147,7 @@ fn points(folder: &Folder) -> Vec<Point<'_>> {
             [] => vec![place.clone()],
             swept => swept.iter().map(|key| value(run, key, &varying)).collect(),
         };
-        points.push(Point { place, values, runs: vec![run], summary: Summary::new() });
+        points.push(PointRuns { place, values, runs: vec![run], summary: Summary::new() });
     }
     for point in &mut points {
         point.summary = study::summary(&point.measured());
@@ -178,7 +178,7 @@ fn above(run: &Flown, folder: &Folder) -> String {
 fn subject(folder: &Folder) -> String {
     let values = |key: &str| folder.texts(key).into_iter().collect::<Vec<_>>().join(", ");
     // A fleet has more vehicles than each of its teams.
-    let teams = folder.runs.first().and_then(|run| run.measured.figures.get("teams").copied().flatten());
+    let teams = folder.runs.first().and_then(|run| run.measured.value("teams"));
     let vehicles = match teams {
         Some(teams) => format!(" · {teams} teams"),
         None => {
@@ -201,10 +201,10 @@ fn subject(folder: &Folder) -> String {
 }
 
 /// A table with a row for each point.
-fn of_points(swept: &[String], points: &[Point<'_>]) -> Part {
+fn of_points(swept: &[String], points: &[PointRuns<'_>]) -> Part {
     let keys: Vec<&str> = drawn(points);
     let keys: Vec<&str> = keys.into_iter().take(6).collect();
-    let cell = |point: &Point<'_>, key: &str| {
+    let cell = |point: &PointRuns<'_>, key: &str| {
         let Some(figure) = point.summary.get(key) else { return "–".to_owned() };
         let median = figure.median.map_or_else(|| "never".to_owned(), rounded);
         match figure.worst.or(figure.max).filter(|_| figure.never == 0) {
@@ -212,7 +212,7 @@ fn of_points(swept: &[String], points: &[Point<'_>]) -> Part {
             None => format!("{median} [{} never]", figure.never),
         }
     };
-    let row = |point: &Point<'_>| {
+    let row = |point: &PointRuns<'_>| {
         let seed = worst_and_median(&point.measured()).map(|(worst, _)| worst.to_string()).unwrap_or_default();
         let cells = keys.iter().map(|key| cell(point, key));
         let number = (!swept.is_empty()).then(|| point.number().to_owned());
@@ -229,7 +229,7 @@ fn of_points(swept: &[String], points: &[Point<'_>]) -> Part {
 }
 
 /// The figures that are drawn: those that differ between runs.
-fn drawn(points: &[Point<'_>]) -> Vec<&'static str> {
+fn drawn(points: &[PointRuns<'_>]) -> Vec<&'static str> {
     let varies = |key: &&str| {
         let mut all = points.iter().flat_map(|point| &point.runs).filter_map(|run| run.measured.outcome(key));
         all.next().is_some_and(|first| all.any(|other| other != first))
@@ -238,27 +238,24 @@ fn drawn(points: &[Point<'_>]) -> Vec<&'static str> {
 }
 
 /// The values of a figure at a point, and the number of runs in which its event never happened.
-fn values(point: &Point<'_>, key: &str) -> (Vec<f64>, usize) {
-    let outcomes = || point.runs.iter().filter_map(|run| run.measured.outcome(key));
-    let value = |outcome| match outcome {
-        Outcome::Value(value) => Some(value),
-        Outcome::Never => None,
-    };
-    (outcomes().filter_map(value).collect(), outcomes().filter(|outcome| *outcome == Outcome::Never).count())
+fn values(point: &PointRuns<'_>, key: &str) -> (Vec<f64>, usize) {
+    let runs = || point.runs.iter().map(|run| &run.measured);
+    let never = runs().filter(|run| run.outcome(key) == Some(Outcome::Never)).count();
+    (runs().filter_map(|run| run.value(key)).collect(), never)
 }
 
 /// Draws every run of every point as a dot, with the quartiles and the median.
-fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Drawing> {
+fn spread(swept: &[String], points: &[PointRuns<'_>], subject: &str) -> Option<Drawing> {
     let keys = drawn(points);
     // Tables and lists are too long for labels side by side.
     let is_long = !swept.is_empty() && points.iter().any(|point| point.name().chars().count() > LONGEST_NAME);
-    let name = |point: &Point<'_>| if is_long { point.number().to_owned() } else { point.name() };
+    let name = |point: &PointRuns<'_>| if is_long { point.number().to_owned() } else { point.name() };
     let names = || points.iter().enumerate().map(|(nth, point)| (nth as f64 + 1.0, name(point))).collect::<Vec<_>>();
     let what = match points {
         [_] => "all runs".to_owned(),
         _ if is_long => "point".to_owned(),
         _ => match short(swept).as_slice() {
-            [key] => axis(key).label().to_owned(),
+            [key] => axis(key).label,
             keys => keys.join(", "),
         },
     };
@@ -281,7 +278,7 @@ fn spread(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Drawi
     grid("spread", "All runs", subject, caption, panels)
 }
 
-fn strip(x: f64, point: &Point<'_>, key: &str) -> Vec<Item> {
+fn strip(x: f64, point: &PointRuns<'_>, key: &str) -> Vec<Item> {
     let (values, _) = values(point, key);
     let every = values.len().div_ceil(MOST_DOTS).max(1);
     // The golden ratio spreads the dots of neighbouring seeds.
@@ -302,8 +299,8 @@ fn strip(x: f64, point: &Point<'_>, key: &str) -> Vec<Item> {
 /// Draws medians and quartiles over the swept key with the most values, with a line for each value of the other keys.
 ///
 /// `None` if no swept key has numbers as values.
-fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Drawing> {
-    let number = |point: &Point<'_>, nth: usize| point.values.get(nth)?.parse::<f64>().ok();
+fn lines(swept: &[String], points: &[PointRuns<'_>], subject: &str) -> Option<Drawing> {
+    let number = |point: &PointRuns<'_>, nth: usize| point.values.get(nth)?.parse::<f64>().ok();
     let choices = |nth: usize| {
         let mut values: Vec<f64> = points.iter().map(|point| number(point, nth)).collect::<Option<_>>()?;
         values.sort_by(f64::total_cmp);
@@ -314,7 +311,7 @@ fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Drawin
     // Of keys with equally many values, the first.
     let (over, _) = over.rev().max_by_key(|(_, count)| *count)?;
     let xs = choices(over)?;
-    let mut series: BTreeMap<usize, (String, Vec<&Point<'_>>)> = BTreeMap::new();
+    let mut series: BTreeMap<usize, (String, Vec<&PointRuns<'_>>)> = BTreeMap::new();
     for point in points {
         let others: Vec<String> =
             (0..swept.len()).filter(|nth| *nth != over).map(|nth| point.values[nth].clone()).collect();
@@ -347,14 +344,14 @@ fn lines(swept: &[String], points: &[Point<'_>], subject: &str) -> Option<Drawin
     grid("sweep", &format!("Over {}", swept[over]), subject, &caption, panels)
 }
 
-fn line(nth: usize, name: String, points: &[&Point<'_>], over: usize, key: &str) -> Vec<Item> {
-    let x = |point: &&&Point<'_>| point.values[over].parse::<f64>().unwrap_or(0.0);
+fn line(nth: usize, name: String, points: &[&PointRuns<'_>], over: usize, key: &str) -> Vec<Item> {
+    let x = |point: &&&PointRuns<'_>| point.values[over].parse::<f64>().unwrap_or(0.0);
     let mut points: Vec<_> = points.iter().collect();
     points.sort_by(|one, other| x(one).total_cmp(&x(other)));
-    let figure = |point: &&&Point<'_>| point.summary.get(key).cloned();
-    let median = |point: &&&Point<'_>| Some([x(point), figure(point)?.median?]);
+    let figure = |point: &&&PointRuns<'_>| point.summary.get(key).cloned();
+    let median = |point: &&&PointRuns<'_>| Some([x(point), figure(point)?.median?]);
     let medians = super::flight::pieces(points.iter().map(median));
-    let between = |point: &&&Point<'_>| Some((x(point), figure(point)?.q1?, figure(point)?.q3?));
+    let between = |point: &&&PointRuns<'_>| Some((x(point), figure(point)?.q1?, figure(point)?.q3?));
     let between: Vec<_> = points.iter().filter_map(between).collect();
     let low = between.iter().map(|(x, low, _)| [*x, *low]);
     let area = low.chain(between.iter().rev().map(|(x, _, high)| [*x, *high])).collect();
@@ -427,7 +424,7 @@ fn axis(key: &str) -> Axis {
 }
 
 /// Sections with the recorded runs: the worst and the median run of each point, up to [`MOST_FLIGHTS`].
-fn flights(folder: &Folder, points: &[Point<'_>]) -> Result<Vec<Section>, Error> {
+fn flights(folder: &Folder, points: &[PointRuns<'_>]) -> Result<Vec<Section>, Error> {
     let mut sections: Vec<Section> = Vec::new();
     let recorded =
         |run: &&&Flown| [record::FILE, record::FLEET_FILE].iter().any(|file| run.folder.join(file).is_file());
@@ -522,7 +519,7 @@ mod tests {
         const UNITS: [&str; 13] = ["m", "s", "ms", "us", "s2", "per", "bit", "deg", "hz", "j", "bytes", "ppm", "rad"];
         for key in KEYS.iter().filter(|key| matches!(key.kind, Kind::Number(_) | Kind::NumberOr(..))) {
             let name = key.path.rsplit('.').next().unwrap_or(key.path);
-            let label = axis(name).label().to_owned();
+            let label = axis(name).label;
             let (quantity, unit) = label.rsplit_once(", ").unwrap_or((&label, "1"));
             let last = quantity.rsplit(' ').next().unwrap();
             assert!(!UNITS.contains(&last), "{name}: {label}");
@@ -543,7 +540,7 @@ mod tests {
             ("collisions", "pairs nearer than 2 m, pairs"),
             ("spacing_error_deg", "largest gap error, mean, °"),
         ] {
-            assert_eq!(axis(key).label(), label);
+            assert_eq!(axis(key).label, label);
         }
     }
 }

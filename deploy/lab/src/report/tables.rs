@@ -1,7 +1,7 @@
 //! Tables of figures, each figure with its definition from [`figures`].
 
 use super::page::Part;
-use crate::metrics::{Direction, Measured, Outcome, figures};
+use crate::metrics::{Measured, Outcome, figures};
 use crate::study::{FigureSummary, Summary, rounded};
 
 /// A value, or a dash.
@@ -57,12 +57,7 @@ pub(super) fn of_runs<'a>(caption: String, summary: &Summary, keys: impl Iterato
 pub(super) fn definitions<'a>(keys: impl Iterator<Item = &'a str>) -> Part {
     let row = |key: &str| {
         let figure = figures::of(key)?;
-        let worse = match figure.worse {
-            Some(Direction::More) => "more",
-            Some(Direction::Less) => "less",
-            None => "",
-        };
-        Some(vec![key.to_owned(), figure.unit.to_owned(), worse.to_owned(), plain(figure.meaning)])
+        Some([key, figure.unit, figure.worse_is(), &plain(figure.meaning)].map(str::to_owned).to_vec())
     };
     let caption = "What the figures mean.".to_owned();
     Part::Table { caption, head: head(["figure", "unit", "worse", "definition"]), rows: keys.filter_map(row).collect() }

@@ -38,11 +38,10 @@ fn judged(is_good: bool, text: impl Into<String>) -> Line {
 /// The verdict on one flight; `measured` are its figures, if they are at hand.
 pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line> {
     let Recording { scenario, run, .. } = recording;
-    let duration_s = measured.and_then(|run| run.figures.get("duration_s").copied().flatten());
+    let duration_s = measured.and_then(|run| run.value("duration_s"));
     let duration_s = duration_s.or_else(|| last_s(recording));
     let mut lines = vec![plain(what_flew(run, duration_s))];
-    let asked_s = scenario.duration_s;
-    lines.extend(missing(&recording.lacks, &Place { file: "The recording", last_s: last_s(recording), asked_s }));
+    lines.extend(missing(&recording.lacks, "The recording", last_s(recording), scenario.duration_s));
     let collisions = collisions(recording);
     let crashes = crashes(recording);
     match measured {
@@ -70,17 +69,11 @@ pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line
     lines
 }
 
-/// A recording, for the sentences about it.
-pub(super) struct Place<'a> {
-    /// Its name at the beginning of a sentence.
-    pub(super) file: &'a str,
-    /// When the last thing was recorded, and how long the flight was to be, s.
-    pub(super) last_s: Option<f64>,
-    pub(super) asked_s: Option<f64>,
-}
-
-/// What a recording lacks, in a sentence for each kind.
-pub(super) fn missing(lacks: &Lacks, Place { file, last_s, asked_s }: &Place<'_>) -> Vec<Line> {
+/// A sentence for each kind of thing that a recording lacks.
+///
+/// `file` names it at the beginning of a sentence; the last thing was recorded at `last_s`, and the flight was to be `asked_s`
+/// long, s.
+pub(super) fn missing(lacks: &Lacks, file: &str, last_s: Option<f64>, asked_s: Option<f64>) -> Vec<Line> {
     let mut lines = Vec::new();
     if lacks.end {
         let after =
@@ -132,7 +125,7 @@ fn sentence(text: &str) -> String {
 /// Whether the flight kept the limits of its scenario; `None` if it has none, or ended before its time.
 fn kept_limits(scenario: &scenario::Scenario, run: &Measured) -> Option<Line> {
     let limits = limits::of(scenario)?;
-    let duration_s = run.figures.get("duration_s").copied().flatten()?;
+    let duration_s = run.value("duration_s")?;
     if scenario.duration_s.is_some_and(|asked_s| duration_s < asked_s - EARLY_S) {
         return Some(plain(format!("It ended after {duration_s:.0} s: too soon for the limits of this formation.")));
     }
@@ -148,7 +141,7 @@ fn kept_limits(scenario: &scenario::Scenario, run: &Measured) -> Option<Line> {
 
 /// How a figure is beyond its limit.
 fn beyond(limit: &Limit, run: &Measured) -> String {
-    let value = run.figures.get(limit.key).copied().flatten().map_or_else(|| "never".to_owned(), rounded);
+    let value = run.value(limit.key).map_or_else(|| "never".to_owned(), rounded);
     let (name, unit) = figures::of(limit.key).map_or((limit.key, ""), |figure| (figure.name, figure.unit));
     let (bound, limit) = match limit.bound {
         Bound::AtMost(limit) => ("at most", limit),
@@ -209,7 +202,7 @@ fn crashes(recording: &Recording) -> Vec<Line> {
 
 /// A line about crashes that the figures count and the recording does not show: a vehicle without an agent is not recorded.
 fn unseen_crashes(recording: &Recording, measured: &Measured, seen: usize) -> Option<Line> {
-    let counted = measured.figures.get("crashes").copied().flatten()? as usize;
+    let counted = measured.value("crashes")? as usize;
     if counted <= seen {
         return None;
     }
@@ -299,10 +292,10 @@ fn reported(recording: &Recording) -> Option<Line> {
 /// The verdict on one run of which there is no recording.
 pub(super) fn of_run(run: &Flown) -> Vec<Line> {
     let text = |key: &str| run.text(key).unwrap_or("–").to_owned();
-    let duration_s = run.measured.figures.get("duration_s").copied().flatten();
+    let duration_s = run.measured.value("duration_s");
     let vehicles = run.scenario.get("swarm.vehicles").and_then(|count| count.parse().ok()).unwrap_or(0);
     let flew = Run { scenario: text("scenario"), law: text("law"), target: text("target"), vehicles, ..Run::default() };
-    let flew = match run.measured.figures.get("teams").copied().flatten() {
+    let flew = match run.measured.value("teams") {
         Some(teams) => {
             let duration = duration_s.map_or_else(String::new, |duration_s| format!(" for {duration_s:.0} s"));
             format!("{teams} teams flew the fleet {}{duration}.", flew.scenario)

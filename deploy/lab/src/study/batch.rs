@@ -15,7 +15,7 @@ use crate::world::{Blocks, World};
 /// A world waits this long for its pilot to be ready, s.
 const READY_LIMIT_S: f64 = 60.0;
 
-/// What acts on one world of a batch.
+/// Acts on one world of a batch.
 pub trait Pilot: Send {
     /// A new flight begins.
     fn begin(&mut self);
@@ -27,7 +27,7 @@ pub trait Pilot: Send {
     fn is_ready(&self) -> bool;
 }
 
-/// What the pilots of a batch replace.
+/// The part of a flight that the pilots of a batch replace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Replaced {
     /// Nothing: the scenario's own law flies.
@@ -41,7 +41,8 @@ pub enum Replaced {
 /// Worlds of one scenario, each with a flight of its own.
 #[derive(Debug)]
 pub struct Batch {
-    study: Study,
+    /// The study whose runs fly here.
+    pub study: Study,
     replaced: Replaced,
     flights: Vec<Option<SeedFlight>>,
     /// Room for the flight models, for each thread.
@@ -57,11 +58,6 @@ impl Batch {
         let side_by_side = (1..worlds.max(1)).find(|worlds| Blocks::are_full(worlds * vehicles)).unwrap_or(1);
         let blocks = (0..threads.get()).map(|_| Blocks::default()).collect();
         Self { study, replaced, flights: (0..worlds).map(|_| None).collect(), blocks, side_by_side }
-    }
-
-    /// The study whose runs fly here.
-    pub fn study(&self) -> &Study {
-        &self.study
     }
 
     /// Begins new flights in the worlds that have a seed here, and flies them until all vehicles have joined and the
@@ -103,7 +99,7 @@ impl Batch {
                 }
             }
         }));
-        let is_failed = |flight: &&mut Option<SeedFlight>| flight.as_ref().is_some_and(|it| it.failure().is_some());
+        let is_failed = |flight: &&mut Option<SeedFlight>| flight.as_ref().is_some_and(|it| it.failed.is_some());
         match self.flights.iter_mut().find(is_failed).and_then(Option::take) {
             Some(failed) => failed.report().map(|_| ()),
             None => Ok(()),
@@ -111,9 +107,9 @@ impl Batch {
     }
 
     /// The world at this place and what is measured of it; `None` before it begins.
-    pub fn world(&mut self, nth: usize) -> Option<(&World, &Metrics)> {
-        let flight = self.flights.get_mut(nth)?.as_mut()?;
-        Some(flight.world_and_metrics())
+    pub fn world(&self, nth: usize) -> Option<(&World, &Metrics)> {
+        let flight = self.flights.get(nth)?.as_ref()?;
+        Some((&flight.world, &flight.metrics))
     }
 
     /// Whether the flight at this place is over: its mission has finished, and its window has ended.
@@ -142,18 +138,18 @@ fn begun(study: &Study, seed: u64, replaced: Replaced, pilot: &mut impl Pilot) -
     };
     let mut waited = 0;
     pilot.begin();
-    while !flight.is_over() && (!flight.has_begun() || !pilot.is_ready()) {
-        if flight.has_begun() {
+    while !flight.is_over() && (flight.zero_s.is_none() || !pilot.is_ready()) {
+        if flight.zero_s.is_some() {
             waited += 1;
             if f64::from(waited) * TICK_S > READY_LIMIT_S {
                 break;
             }
         }
-        flight.world().tick();
-        pilot.after_tick(flight.world());
+        flight.world.tick();
+        pilot.after_tick(&mut flight.world);
         flight.end_tick(&mut None);
     }
-    match flight.failure() {
+    match &flight.failed {
         Some(_) => flight.report().and(Err(StudyError::NeverActive)),
         None => Ok(flight),
     }
@@ -164,15 +160,15 @@ fn tick_together<P: Pilot>(flights: &mut [Option<SeedFlight>], pilots: &mut [P],
     let flights = flights.iter_mut().zip(pilots).filter_map(|(flight, pilot)| Some((flight.as_mut()?, pilot)));
     let mut flying: Vec<(&mut SeedFlight, &mut P)> =
         flights.filter_map(|(f, p)| (!f.is_over()).then_some((f, p))).collect();
-    flying.iter_mut().for_each(|(flight, pilot)| pilot.before(flight.world(), ticks));
+    flying.iter_mut().for_each(|(flight, pilot)| pilot.before(&mut flight.world, ticks));
     for _ in 0..ticks {
         match flying.as_mut_slice() {
             [] => return,
-            [(flight, _)] => flight.world().tick(),
-            flying => World::tick_together(flying.iter_mut().map(|(flight, _)| flight.world()), blocks),
+            [(flight, _)] => flight.world.tick(),
+            flying => World::tick_together(flying.iter_mut().map(|(flight, _)| &mut flight.world), blocks),
         }
         for (flight, pilot) in &mut flying {
-            pilot.after_tick(flight.world());
+            pilot.after_tick(&mut flight.world);
             flight.end_tick(&mut None);
         }
         flying.retain_mut(|(flight, _)| !flight.is_over());

@@ -96,7 +96,7 @@ fn samples(text: &str) -> Result<usize, String> {
 /// Flies what is not there yet, writes what was measured, prints the summary.
 ///
 /// # Errors
-/// What stands against the study: nothing was flown then. Or a run that failed; those that were done are written.
+/// The reason against the study: nothing was flown then. Or a run that failed; those that were done are written.
 pub fn run(args: &StudyArgs) -> Result<(), Error> {
     let plan = Plan::new(args)?;
     let FlownStudy { runs, recorded } = fly_planned(&plan, !args.no_record, &Shown::default())?;
@@ -132,7 +132,7 @@ pub fn run(args: &StudyArgs) -> Result<(), Error> {
     })
 }
 
-/// What to do next with a study in this folder.
+/// The commands to run next on a study in this folder.
 fn next(out: &str, args: &StudyArgs, runs: &[Measured]) -> String {
     let out = quoted(out);
     let mut lines = vec![(format!("skein report {out}"), "pictures and tables on one page")];

@@ -14,7 +14,7 @@ use skein_core::helicopter::TICK_S;
 use skein_host::clock::now;
 use skein_host::parallel::at_once;
 
-use super::recorded::{RecordRunError, RunRecorder};
+use super::recorded::RunRecorder;
 use super::{JOIN_LIMIT_S, Study, StudyError, longest_s};
 use crate::metrics::across::Across;
 use crate::metrics::{FleetReport, FleetTraffic, Run, Wall};
@@ -26,7 +26,7 @@ use team::{Team, TeamReport};
 /// more, because each round brings a team's memory into the cache once.
 const ROUND_TICKS: u64 = 10;
 
-/// What every seed of a study of a fleet shares.
+/// The teams of a study of a fleet, shared by all seeds.
 #[derive(Debug)]
 pub struct FleetStudy {
     /// The study of each team, in order. Their scenarios have [`Scenario::team`](skein_common::scenario::Scenario::team),
@@ -55,8 +55,8 @@ impl FleetStudy {
         &self,
         threads: NonZeroUsize,
         recording: Option<&FleetRecording<'_>>,
-    ) -> Result<(FleetReport, Result<(), RecordError>), RecordRunError> {
-        Ok(FleetFlight::new(self, recording)?.fly(threads)?)
+    ) -> Result<(FleetReport, Result<(), RecordError>), StudyError> {
+        FleetFlight::new(self, recording)?.fly(threads)
     }
 }
 
@@ -80,7 +80,7 @@ struct FleetFlight {
 }
 
 impl FleetFlight {
-    fn new(study: &FleetStudy, recording: Option<&FleetRecording<'_>>) -> Result<Self, RecordRunError> {
+    fn new(study: &FleetStudy, recording: Option<&FleetRecording<'_>>) -> Result<Self, StudyError> {
         let mut teams = Vec::with_capacity(study.teams.len());
         for (nth, team) in study.teams.iter().enumerate() {
             let toml = recording.and_then(|recording| Some((recording.folder, recording.teams_toml.get(nth)?)));
@@ -161,7 +161,7 @@ impl FleetFlight {
             }));
         }
         let places: Vec<_> = teams.iter().flat_map(Team::cells).collect();
-        sky.exchange(teams.iter_mut().map(Team::sent), places.into_iter());
+        sky.exchange(teams.iter_mut().map(|team| &mut team.sent), places.into_iter());
         if let Some(recorder) = &mut self.recorder {
             let with_places = (self.ticks / ROUND_TICKS).is_multiple_of(self.record_rounds);
             teams.iter_mut().for_each(|team| team.record(&mut recorder.writer, origin, with_places));
@@ -171,13 +171,13 @@ impl FleetFlight {
             }
         }
         if zero_s.is_some() {
-            self.across.observe(&teams.iter().map(Team::airborne).collect::<Vec<_>>());
+            self.across.observe(&teams.iter().map(|team| &team.airborne).collect::<Vec<_>>());
             self.ticks += ROUND_TICKS;
         }
     }
 }
 
-/// What the vehicles of these teams have received.
+/// Counts the messages that the vehicles of these teams have received.
 fn traffic(teams: &[TeamReport]) -> FleetTraffic {
     let own = teams.iter().map(|team| (team.own_per_s, team.report.run.vehicles as f64));
     let (messages, bytes, vehicles) = own.fold((0.0, 0.0, 0.0), |sum, (per_s, vehicles)| {

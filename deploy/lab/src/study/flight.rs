@@ -22,15 +22,15 @@ pub(super) type Watched<'a> = Option<(&'a mut dyn Watch, f64)>;
 /// One flight, from the ground to the end of the window or of the mission.
 #[derive(Debug)]
 pub(super) struct SeedFlight {
-    world: World,
+    pub(super) world: World,
     laws: Option<Laws>,
     /// Where the laws wait for their next run.
     pool: LawPool,
-    metrics: Metrics,
+    pub(super) metrics: Metrics,
     /// Room to work in.
     vehicles: Vec<VehicleNow>,
-    /// Beginning of the window; `None` while vehicles still join, s.
-    zero_s: Option<f64>,
+    /// Beginning of the window; `None` while vehicles still join, s. That of a team is the fleet's.
+    pub(super) zero_s: Option<f64>,
     /// Ticks of the window so far, and at most.
     ticks: u64,
     most_ticks: u64,
@@ -39,7 +39,7 @@ pub(super) struct SeedFlight {
     /// Ends the flight when it is set.
     stop: Stop,
     /// Why the flight has failed.
-    failed: Option<StudyError>,
+    pub(super) failed: Option<StudyError>,
     /// Wall-clock time spent on this flight, s.
     wall_s: f64,
 }
@@ -54,7 +54,7 @@ impl SeedFlight {
         Self::with_laws(study, seed, laws)
     }
 
-    /// As [`Self::new`], with these external laws; without any, the caller answers the agents' queries.
+    /// A flight of this seed with these external laws; without any, the caller answers the agents' queries.
     pub(super) fn with_laws(study: &Study, seed: u64, laws: Option<Laws>) -> Result<Self, StudyError> {
         let started = now();
         let scenario = Scenario { seed, ..study.scenario.clone() };
@@ -113,34 +113,9 @@ impl SeedFlight {
         self.report()
     }
 
-    /// The swarm, to be stepped.
-    pub(super) fn world(&mut self) -> &mut World {
-        &mut self.world
-    }
-
-    /// The swarm and what is measured of it so far.
-    pub(super) fn world_and_metrics(&self) -> (&World, &Metrics) {
-        (&self.world, &self.metrics)
-    }
-
-    /// The same flight within one of a fleet, whose window begins for all teams at once: here, s, if it has begun.
-    pub(super) fn begin_window(&mut self, zero_s: Option<f64>) {
-        self.zero_s = zero_s;
-    }
-
-    /// Whether all vehicles have joined: the window of the figures has begun.
-    pub(super) fn has_begun(&self) -> bool {
-        self.zero_s.is_some()
-    }
-
     /// Whether the mission has come to its end, and not only the window.
     pub(super) fn has_finished(&self) -> bool {
         self.ends_with_mission && self.ticks > 0 && self.world.has_finished()
-    }
-
-    /// Why the flight has failed.
-    pub(super) fn failure(&self) -> Option<&StudyError> {
-        self.failed.as_ref()
     }
 
     /// Whether no tick follows. To be asked before each.
@@ -171,7 +146,7 @@ impl SeedFlight {
         self.ticks += 1;
     }
 
-    /// What was measured. Laws of a flight that failed are not kept.
+    /// The figures of the whole flight. Laws of a flight that failed are not kept.
     pub(super) fn report(mut self) -> Result<Report, StudyError> {
         if let Some(error) = self.failed {
             return Err(error);
@@ -181,7 +156,7 @@ impl SeedFlight {
         Ok(self.figures(Wall { wall_s: self.wall_s, real_time_factor }))
     }
 
-    /// What was measured so far.
+    /// The figures so far.
     pub(super) fn figures(&mut self, wall: Wall) -> Report {
         self.metrics.set_totals(self.world.totals());
         self.metrics.report(wall)
@@ -212,67 +187,47 @@ pub(super) fn fly_side_by_side<Run, T: Send, E: Send>(
     // No job takes more than its share of the runs.
     let share = count.div_ceil(jobs.get());
     in_parallel_by(count, jobs, |tasks: &Tasks<T, E>| {
-        let mut flights = SideBySide::default();
+        let (mut flights, mut blocks) = (Vec::new(), Blocks::default());
         loop {
-            while flights.have_room(share) {
+            while have_room(&flights, share) {
                 let Some(nth) = tasks.take() else { break };
                 match begin(nth) {
-                    Ok((run, flight)) => flights.add((nth, run), flight),
+                    Ok((run, flight)) => flights.push(((nth, run), flight)),
                     Err(error) => tasks.finish(nth, Err(error)),
                 }
             }
-            let Some(((nth, run), flight)) = flights.fly_until_one_ends() else { return };
+            let Some(((nth, run), flight)) = fly_until_one_ends(&mut flights, &mut blocks) else { return };
             tasks.finish(nth, end(run, flight.report()));
         }
     })
 }
 
-/// The flights of one job.
-struct SideBySide<Run> {
-    runs: Vec<Run>,
-    flights: Vec<SeedFlight>,
-    blocks: Blocks,
+/// Whether one more flight is worth it beside these of one job: the last block has empty lanes.
+fn have_room<Run>(flights: &[(Run, SeedFlight)], share: usize) -> bool {
+    let vehicles = flights.iter().map(|(_, flight)| flight.world.vehicle_count()).sum();
+    let alone = flights.iter().any(|(_, flight)| flight.is_alone());
+    flights.len() < share && !alone && !Blocks::are_full(vehicles)
 }
 
-impl<Run> Default for SideBySide<Run> {
-    fn default() -> Self {
-        Self { runs: Vec::new(), flights: Vec::new(), blocks: Blocks::default() }
+/// Flies on until the first of these flights ends, and removes it; `None` without flights.
+fn fly_until_one_ends<Run>(flights: &mut Vec<(Run, SeedFlight)>, blocks: &mut Blocks) -> Option<(Run, SeedFlight)> {
+    if flights.is_empty() {
+        return None;
     }
-}
-
-impl<Run> SideBySide<Run> {
-    /// Whether one more flight is worth it: the last block has empty lanes.
-    fn have_room(&self, share: usize) -> bool {
-        let vehicles = self.flights.iter().map(|flight| flight.world.vehicle_count()).sum();
-        let alone = self.flights.iter().any(SeedFlight::is_alone);
-        self.flights.len() < share && !alone && !Blocks::are_full(vehicles)
-    }
-
-    fn add(&mut self, run: Run, flight: SeedFlight) {
-        self.runs.push(run);
-        self.flights.push(flight);
-    }
-
-    /// Flies on until the first flight ends, and removes it; `None` without flights.
-    fn fly_until_one_ends(&mut self) -> Option<(Run, SeedFlight)> {
-        if self.flights.is_empty() {
-            return None;
+    let started = now();
+    let ended = loop {
+        if let Some(ended) = flights.iter_mut().position(|(_, flight)| flight.is_over()) {
+            break ended;
         }
-        let started = now();
-        let ended = loop {
-            if let Some(ended) = self.flights.iter_mut().position(SeedFlight::is_over) {
-                break ended;
-            }
-            match self.flights.as_mut_slice() {
-                [flight] => flight.world.tick(),
-                flights => World::tick_together(flights.iter_mut().map(|flight| &mut flight.world), &mut self.blocks),
-            }
-            self.flights.iter_mut().for_each(|flight| flight.end_tick(&mut None));
-        };
-        let wall_s = now().duration_since(started).as_secs_f64() / self.flights.len() as f64;
-        self.flights.iter_mut().for_each(|flight| flight.wall_s += wall_s);
-        Some((self.runs.remove(ended), self.flights.remove(ended)))
-    }
+        match flights.as_mut_slice() {
+            [(_, flight)] => flight.world.tick(),
+            flights => World::tick_together(flights.iter_mut().map(|(_, flight)| &mut flight.world), blocks),
+        }
+        flights.iter_mut().for_each(|(_, flight)| flight.end_tick(&mut None));
+    };
+    let wall_s = now().duration_since(started).as_secs_f64() / flights.len() as f64;
+    flights.iter_mut().for_each(|(_, flight)| flight.wall_s += wall_s);
+    Some(flights.remove(ended))
 }
 
 #[cfg(test)]
@@ -370,11 +325,11 @@ mod tests {
     fn a_job_flies_as_many_runs_side_by_side_as_fill_its_blocks() {
         for (vehicles, share, expected) in [(4, 9, 2), (8, 9, 1), (3, 9, 5), (3, 2, 2), (16, 9, 1)] {
             let study = study(&[&format!("swarm.vehicles={vehicles}")]);
-            let mut flights = SideBySide::default();
-            while flights.have_room(share) {
-                flights.add((), SeedFlight::new(&study, 1).unwrap());
+            let mut flights = Vec::new();
+            while have_room(&flights, share) {
+                flights.push(((), SeedFlight::new(&study, 1).unwrap()));
             }
-            assert_eq!(flights.flights.len(), expected, "{vehicles} vehicles, at most {share} runs");
+            assert_eq!(flights.len(), expected, "{vehicles} vehicles, at most {share} runs");
         }
     }
 }

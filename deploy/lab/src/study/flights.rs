@@ -4,7 +4,6 @@
 //! A flight that failed is a row too: with the reason in place of figures, or beside them. It is flown again by the
 //! next such command, if it has no figures.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
 use super::plan::{Plan, PlannedRun};
@@ -38,7 +37,7 @@ pub fn discard(run: &PlannedRun<'_>) -> Result<(), Error> {
     }
 }
 
-/// What flights that follow each other left.
+/// The results of flights that follow each other.
 #[derive(Clone, Debug)]
 pub struct FlightsLeft {
     /// A row for each flight that was tried, in the order of seeds.
@@ -76,21 +75,15 @@ impl FlightsLeft {
 
     /// The verdict and the figures that a reader looks for first.
     pub fn text(&self, plan: &Plan) -> String {
-        let verdict = verdict::verdict(plan.scenario(), &plan.points, &self.rows);
+        let verdict = verdict::verdict(&plan.scenario, &plan.points, &self.rows);
         format!("{verdict}\n{}", table::of_figures(&self.summary(), table::Which::Headline))
     }
 }
 
-/// What a flight left: its figures, and the reason if it failed. `None` if it was not tried, or was interrupted.
+/// The result of a flight: its figures, and the reason if it failed. `None` if it was not tried, or was interrupted.
 fn row(run: &PlannedRun<'_>) -> Option<Measured> {
     let failure = fs::read_to_string(run.folder().join(FAILURE_FILE)).ok();
-    let nothing = || Measured {
-        seed: run.seed,
-        texts: BTreeMap::new(),
-        figures: BTreeMap::new(),
-        never: BTreeSet::new(),
-        uncontrolled: Vec::new(),
-    };
+    let nothing = || Measured { seed: run.seed, ..Measured::default() };
     let mut row = run.measured().or_else(|| failure.is_some().then(nothing))?;
     row.texts.extend(failure.map(|why| (FAILURE.to_owned(), why.trim_end().to_owned())));
     Some(row)

@@ -23,7 +23,7 @@ pub trait Progress: Sync {
     fn inc(&self);
 }
 
-/// What a study has flown.
+/// The results of a study.
 #[derive(Debug)]
 pub struct FlownStudy {
     /// The figures of all runs.
@@ -40,7 +40,7 @@ pub struct FlownStudy {
 /// A run that failed; those that were done are written.
 pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> Result<FlownStudy, Error> {
     let cores = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    let jobs = plan.jobs.unwrap_or(NonZeroUsize::new(cores.get() / plan.threads()).unwrap_or(NonZeroUsize::MIN));
+    let jobs = plan.jobs.unwrap_or(NonZeroUsize::new(cores.get() / plan.threads).unwrap_or(NonZeroUsize::MIN));
     let (runs, recorded) = fly(plan, jobs, is_recorded, progress)?;
     // As long as this file is there, the study is not finished.
     let unrecorded = plan.out.join(UNRECORDED);
@@ -62,7 +62,7 @@ pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> R
 /// Writes `runs.csv`, then `summary.json`.
 pub(super) fn write_results(plan: &Plan, runs: &[Measured]) -> Result<(), Error> {
     write(&plan.out.join("runs.csv"), csv(&plan.points, runs))?;
-    let text = match plan.is_swept() {
+    let text = match plan.is_swept {
         true => json(&by_point(&plan.points, runs)),
         false => json(&summary(runs)),
     };

@@ -1,4 +1,4 @@
-//! Which runs of a study are recorded: they are flown again, with a recorder looking on.
+//! Records runs of a study: they are flown again, with a recorder looking on.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -64,23 +64,12 @@ fn first_difference<'a>(one: &'a Measured, other: &'a Measured) -> Option<&'a st
     keys.into_iter().find(differs).or((one.never != other.never).then_some("never"))
 }
 
-/// Why a flight was not recorded.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordRunError {
-    /// It cannot be flown.
-    #[error(transparent)]
-    Study(#[from] StudyError),
-    /// It cannot be written.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-}
-
-/// What log times count from.
+/// The origin of log times.
 const CLOCK: &str = "virtual: 0 is the beginning of the window of the figures";
 
 /// The recording of a flight in virtual time, which appears under its name when it is complete.
 pub(super) struct RunRecorder {
-    /// What writes it.
+    /// The file that is written.
     pub(super) writer: Writer<BufWriter<File>>,
     draft: Draft,
 }
@@ -97,7 +86,7 @@ impl RunRecorder {
             fs::create_dir_all(folder).map_err(|error| draft.error(error))?;
         }
         let to = BufWriter::new(draft.create()?);
-        let mut writer = if is_fleet { Writer::of_fleet(to, &about, 0)? } else { Writer::new(to, &about, 0)? };
+        let mut writer = if is_fleet { Writer::begin_fleet(to, &about, 0)? } else { Writer::begin(to, &about, 0)? };
         writer.window_begins(0);
         Ok(Self { writer, draft })
     }
@@ -119,7 +108,7 @@ impl RunRecorder {
 ///
 /// # Errors
 /// If it cannot be flown or written.
-pub fn record_run(study: &Study, seed: u64, as_flown: &str, path: &Path) -> Result<Report, RecordRunError> {
+pub fn record_run(study: &Study, seed: u64, as_flown: &str, path: &Path) -> Result<Report, StudyError> {
     let scenario = Scenario { seed, ..study.scenario.clone() };
     let run = Run::new(&scenario, "study");
     let about = RecordingInfo { scenario: &scenario, scenario_toml: as_flown, run: &run, clock: "" };
@@ -144,7 +133,9 @@ mod tests {
         let Command::Study(args) = Cli::try_parse_from(line).unwrap().command else { panic!("a study") };
         let plan = Plan::new(&args).unwrap();
         let run = plan.run(0);
-        let (is_there, measured) = (|| run.folder().join(record::FILE).exists(), run.fly().unwrap());
+        let is_there = || run.folder().join(record::FILE).exists();
+        let (files, flight) = run.begin().unwrap();
+        let measured = run.end(&files, flight.fly(None)).unwrap();
         let mut other = measured.clone();
         other.figures.insert("max_tilt_deg".to_owned(), Some(-1.0));
         let refusal = again(&run, &other).unwrap_err().to_string();

@@ -41,7 +41,7 @@ pub fn summarize(reports: &[Report]) -> Summary {
     summary(&reports.iter().map(Measured::of).collect::<Vec<_>>())
 }
 
-/// As [`summarize`], of runs read back.
+/// Medians, quartiles and the worst of each figure of runs read back.
 pub fn summary(runs: &[Measured]) -> Summary {
     let mut columns: BTreeMap<&str, Vec<(u64, Option<f64>)>> = BTreeMap::new();
     for run in runs {
@@ -59,7 +59,7 @@ pub fn summary(runs: &[Measured]) -> Summary {
 pub struct PointSummary {
     /// Counted from 1, as its folder is.
     pub point: usize,
-    /// What is set there.
+    /// The keys that are set there.
     pub set: Map<String, Value>,
     /// The seed of the worst run, and of the middle one.
     pub worst_seed: u64,
@@ -131,8 +131,8 @@ pub(super) fn csv(points: &[Point], runs: &[Measured]) -> String {
     let mut written = table.write_record(names);
     for (nth, run) in runs.iter().enumerate() {
         let set = points[nth * points.len() / runs.len()].0.iter().map(|(_, value)| value.clone());
-        let figures = first.figures.keys().map(|key| run.figures.get(key).copied().flatten());
-        let figures = figures.map(|value| value.map(|number| number.to_string()).unwrap_or_default());
+        let cell = |key| run.value(key).map(|number| number.to_string()).unwrap_or_default();
+        let figures = first.figures.keys().map(|key| cell(key));
         let failure = has_failed.then(|| run.texts.get(FAILURE).cloned().unwrap_or_default());
         let row = [run.seed.to_string()].into_iter().chain(set).chain(figures).chain(failure);
         written = written.and_then(|()| table.write_record(row));
@@ -144,6 +144,8 @@ pub(super) fn csv(points: &[Point], runs: &[Measured]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     #[test]
@@ -175,5 +177,32 @@ mod tests {
         assert_eq!(summaries[1].set["network.loss"], serde_json::json!(0.1));
         assert_eq!(summaries[1].set["mission.steps[0]"], serde_json::json!({ "a": [1, "x"] }));
         assert_eq!(as_json("paper"), Value::String("paper".to_owned()));
+    }
+
+    proptest! {
+        #[test]
+        fn quartiles_are_between_the_best_and_the_worst(values in prop::collection::vec(prop::option::weighted(0.8, -1e3..1e3), 1..30)) {
+            let column: Vec<_> = values.iter().copied().enumerate().map(|(seed, value)| (seed as u64, value)).collect();
+            for key in ["in_band_s", "min_separation_m", "duration_s"] {
+                let it = figure(key, &column);
+                prop_assert_eq!((it.n, it.never), (values.len(), values.iter().filter(|value| value.is_none()).count()));
+                let known: Vec<f64> = [it.min, it.q1, it.median, it.q3, it.max].into_iter().flatten().collect();
+                prop_assert!(known.is_sorted(), "{} of {:?}", key, values);
+                prop_assert_eq!(it.worst.is_none(), it.never > 0 || key == "duration_s");
+            }
+        }
+
+        #[test]
+        fn a_table_has_a_row_for_each_run_that_reads_back(figures in prop::collection::vec(prop::option::of(-1e9..1e9), 1..12)) {
+            let run = |(seed, value): (usize, &Option<f64>)| {
+                let figures = [("a_m".to_owned(), *value)].into();
+                Measured { seed: seed as u64, figures, ..Measured::default() }
+            };
+            let runs: Vec<Measured> = figures.iter().enumerate().map(run).collect();
+            let text = csv(&[Point::default()], &runs);
+            let mut table = csv::Reader::from_reader(text.as_bytes());
+            let rows: Vec<(u64, Option<f64>)> = table.deserialize().map(Result::unwrap).collect();
+            prop_assert_eq!(rows, runs.iter().map(|run| (run.seed, run.value("a_m"))).collect::<Vec<_>>());
+        }
     }
 }

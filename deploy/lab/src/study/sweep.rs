@@ -15,7 +15,7 @@ pub struct Sweep {
     /// Dotted, as `--set` takes it.
     pub key: String,
     values: Values,
-    /// As it was given.
+    /// The text of the option.
     text: String,
 }
 
@@ -32,7 +32,7 @@ enum Values {
 pub struct Point(pub Vec<(String, String)>);
 
 impl Point {
-    /// What is set here as `--set` takes it.
+    /// The keys that are set here, as `--set` takes them.
     pub fn sets(&self) -> impl Iterator<Item = String> {
         self.0.iter().map(|(key, value)| format!("{key}={value}"))
     }
@@ -191,6 +191,10 @@ fn strata(n: usize, generator: &mut impl rand::Rng) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
+    use proptest::prelude::*;
+
     use super::*;
 
     fn parse(text: &str) -> Result<Sweep, String> {
@@ -294,5 +298,70 @@ mod tests {
         assert!(refused(&["network.loss=0,1"], Some(5)).contains("no --sweep has a range"));
         assert!(refused(&["network.loss=0,1", "network.loss=0..1"], Some(5)).contains("swept already"));
         assert!(refused(&["network.loss=0..1", "formation.gain_m=1,2"], Some(60_000)).contains("more than 100000"));
+    }
+
+    /// Sweeps of different keys: of each how many values it has, or none for a range.
+    fn grid(choices: &[Option<usize>]) -> Vec<Sweep> {
+        let sweep = |(key, choices): (usize, &Option<usize>)| match choices {
+            Some(count) => format!("key{key}={}", (0..*count).map(|n| n.to_string()).collect::<Vec<_>>().join(",")),
+            None => format!("key{key}=0..1"),
+        };
+        choices.iter().enumerate().map(|choices| sweep(choices).parse().unwrap()).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn a_grid_has_every_combination_once_in_order(counts in prop::collection::vec(1_usize..5, 0..5)) {
+            let points = points(&grid(&counts.iter().copied().map(Some).collect::<Vec<_>>()), None, 1).unwrap();
+            prop_assert_eq!(points.len(), counts.iter().product::<usize>());
+            let numbers: Vec<Vec<usize>> =
+                points.iter().map(|point| point.0.iter().map(|(_, value)| value.parse().unwrap()).collect()).collect();
+            prop_assert!(numbers.is_sorted() && numbers.iter().collect::<BTreeSet<_>>().len() == numbers.len());
+            let keys: Vec<String> = (0..counts.len()).map(|key| format!("key{key}")).collect();
+            prop_assert!(points.iter().all(|point| point.0.iter().map(|(key, _)| key).eq(&keys)));
+        }
+
+        #[test]
+        fn the_text_of_a_point_gives_back_what_is_set(values in prop::collection::vec("[a-z0-9=.\\[\\]{} ]{1,9}", 1..4)) {
+            let set: Vec<_> = values.iter().enumerate().map(|(nth, value)| (format!("a.k{nth}"), value.clone())).collect();
+            let point = Point(set.clone());
+            let read: Vec<_> = point.sets().map(|set| set.split_once('=').map(|(key, value)| (key.to_owned(), value.to_owned()))).collect();
+            prop_assert_eq!(read, set.into_iter().map(Some).collect::<Vec<_>>());
+        }
+
+        #[test]
+        fn a_list_gives_back_its_values(values in prop::collection::btree_set("[a-z0-9]{1,4}|\\[[0-9, ]{1,6}\\]|\"[a-z,]{1,4}\"", 1..6)) {
+            let values: Vec<String> = values.into_iter().collect();
+            let text = format!("key={}", values.join(","));
+            let sweep = parse(&text).unwrap();
+            prop_assert_eq!((sweep.to_string(), sweep.values), (text, Values::List(values)));
+        }
+
+        #[test]
+        fn samples_of_a_range_are_inside_it_and_one_in_each_part(
+            low in -1e3..1e3, width in 0.1..1e3, n in 1_usize..40, seed in 0_u64..9,
+        ) {
+            let points = points(&[parse(&format!("network.delay_s={low}..{}", low + width)).unwrap()], Some(n), seed).unwrap();
+            let mut shares: Vec<f64> = column(&points, 0).iter().map(|value| (value - low) / width * n as f64).collect();
+            shares.sort_by(f64::total_cmp);
+            let is_in_part = |(nth, share): (usize, &f64)| (nth as f64 - 1e-9..=nth as f64 + 1.0 + 1e-9).contains(share);
+            prop_assert!(shares.len() == n && shares.iter().enumerate().all(is_in_part), "{:?}", shares);
+        }
+
+        #[test]
+        fn every_point_of_a_grid_has_all_points_of_the_hypercube(
+            choices in prop::collection::vec(prop::option::of(1_usize..4), 1..5), n in 1_usize..6,
+        ) {
+            let has_range = choices.contains(&None);
+            let points = points(&grid(&choices), has_range.then_some(n), 3).unwrap();
+            let samples = if has_range { n } else { 1 };
+            prop_assert_eq!(points.len(), samples * choices.iter().flatten().product::<usize>());
+            let sampled = |point: &Point| -> Vec<String> {
+                let ranges = point.0.iter().zip(&choices).filter(|(_, choices)| choices.is_none());
+                ranges.map(|((_, value), _)| value.clone()).collect()
+            };
+            let first: Vec<_> = points[..samples].iter().map(sampled).collect();
+            prop_assert!(points.chunks(samples).all(|chunk| chunk.iter().map(sampled).eq(first.iter().cloned())));
+        }
     }
 }

@@ -35,7 +35,7 @@ const HEADLINE: [&str; 22] = [
 ];
 const HEADLINES: usize = 12;
 
-/// Which figures a table has.
+/// The choice of figures that a table has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Which {
     /// About a dozen that a reader looks for first.

@@ -13,27 +13,21 @@ const IN_FORMATION: [&str; 3] = ["at_altitude_s", "in_band_s", "even_10deg_s"];
 /// Beside each of them a figure that has a value only if the formation has such a thing as an altitude, a band or gaps.
 const HAS: [&str; 3] = ["altitude_rms_m", "in_band_s", "spacing_error_deg"];
 
-/// A way in which a run can fail, with the text after "4 of 100 runs".
-struct Failure {
-    text: &'static str,
-    is_it: fn(&Measured) -> bool,
-}
+/// A way in which a run can fail: the text after "4 of 100 runs", and whether a run has failed so.
+type Failure = (&'static str, fn(&Measured) -> bool);
 
 const FAILURES: [Failure; 11] = [
-    Failure { text: "not flown to the end", is_it: |run| run.texts.contains_key(FAILURE) },
-    Failure { text: "with a collision", is_it: |run| is_above_zero(run, "collisions") },
-    Failure { text: "with a crash", is_it: |run| is_above_zero(run, "crashes") },
-    Failure {
-        text: "with a vehicle out of formation at the end",
-        is_it: |run| IN_FORMATION.iter().any(|key| run.outcome(key) == Some(Outcome::Never)),
-    },
-    Failure { text: HEADING_LOST, is_it: |run| is_uncontrolled(run, "heading_error_rms_deg") },
-    Failure { text: AT_STOPS, is_it: |run| is_uncontrolled(run, "stick_saturation") },
-    Failure { text: FALLBACK, is_it: |run| is_uncontrolled(run, "fallback_share") },
-    Failure { text: "with a lost peer that was not detected within 30 s", is_it: |run| never(run, "detection_s") },
-    Failure { text: "with a returned peer that was not rejoined within 30 s", is_it: |run| never(run, "rejoin_s") },
-    Failure { text: "with a failure that its vehicle did not report", is_it: |run| never(run, "response_s") },
-    Failure { text: "not back in formation 120 s after a change", is_it: |run| never(run, "transient_s") },
+    ("not flown to the end", |run| run.texts.contains_key(FAILURE)),
+    ("with a collision", |run| is_above(run, "collisions", Some(0.0))),
+    ("with a crash", |run| is_above(run, "crashes", Some(0.0))),
+    ("with a vehicle out of formation at the end", |run| IN_FORMATION.iter().any(|key| never(run, key))),
+    (HEADING_LOST, |run| is_uncontrolled(run, "heading_error_rms_deg")),
+    (AT_STOPS, |run| is_uncontrolled(run, "stick_saturation")),
+    (FALLBACK, |run| is_uncontrolled(run, "fallback_share")),
+    ("with a lost peer that was not detected within 30 s", |run| never(run, "detection_s")),
+    ("with a returned peer that was not rejoined within 30 s", |run| never(run, "rejoin_s")),
+    ("with a failure that its vehicle did not report", |run| never(run, "response_s")),
+    ("not back in formation 120 s after a change", |run| never(run, "transient_s")),
 ];
 
 /// The texts of runs with a vehicle that is not under control, or not flown by its law.
@@ -42,11 +36,15 @@ const AT_STOPS: &str = "with controls at their stops";
 const FALLBACK: &str = "with the fallback in the place of the external law";
 
 fn is_uncontrolled(run: &Measured, key: &str) -> bool {
-    let limit = limits::of_every_run(key);
-    matches!((run.outcome(key), limit), (Some(Outcome::Value(value)), Some(limit)) if value > limit)
+    is_above(run, key, limits::of_every_run(key))
 }
 
-/// Of a failure with this text: which vehicles, how far they were beyond which limit; empty for other failures.
+fn is_above(run: &Measured, key: &str, limit: Option<f64>) -> bool {
+    run.value(key).zip(limit).is_some_and(|(value, limit)| value > limit)
+}
+
+/// The details of a failure with this text: which vehicles, how far they were beyond which limit; empty for other
+/// failures.
 pub(crate) fn detail(run: &Measured, text: &str) -> String {
     let (key, shown): (_, fn(f64) -> String) = match text {
         HEADING_LOST => ("heading_error_rms_deg", |value| format!("{value:.0}° root mean square")),
@@ -54,9 +52,7 @@ pub(crate) fn detail(run: &Measured, text: &str) -> String {
         FALLBACK => ("fallback_share", |value| format!("{:.0} % of the time", 100.0 * value)),
         _ => return String::new(),
     };
-    let Some((limit, Outcome::Value(worst))) = limits::of_every_run(key).zip(run.outcome(key)) else {
-        return String::new();
-    };
+    let Some((limit, worst)) = limits::of_every_run(key).zip(run.value(key)) else { return String::new() };
     let vehicles: Vec<String> =
         run.uncontrolled.iter().filter(|(_, its, _)| *its == key).map(|(id, ..)| id.clone()).collect();
     let who = match vehicles.as_slice() {
@@ -70,7 +66,7 @@ pub(crate) fn detail(run: &Measured, text: &str) -> String {
 /// Whether every vehicle kept its heading, had travel left in its controls and was flown by its law.
 ///
 /// # Errors
-/// Which vehicles did not, by how much, and the limit.
+/// The vehicles that did not, by how much, and the limit.
 pub fn under_control(run: &Measured) -> Result<(), String> {
     let lost = failures(run).filter(|text| [HEADING_LOST, AT_STOPS, FALLBACK].contains(text));
     let lost: Vec<String> = lost.map(|text| format!("a flight {text}{}", detail(run, text))).collect();
@@ -79,11 +75,7 @@ pub fn under_control(run: &Measured) -> Result<(), String> {
 
 /// The ways in which a run has failed, each as a text such as "with a collision".
 pub(crate) fn failures(run: &Measured) -> impl Iterator<Item = &'static str> + '_ {
-    FAILURES.iter().filter(|failure| (failure.is_it)(run)).map(|failure| failure.text)
-}
-
-fn is_above_zero(run: &Measured, key: &str) -> bool {
-    matches!(run.outcome(key), Some(Outcome::Value(value)) if value > 0.0)
+    FAILURES.iter().filter(|(_, is_it)| is_it(run)).map(|(text, _)| *text)
 }
 
 fn never(run: &Measured, key: &str) -> bool {
@@ -102,8 +94,8 @@ pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measure
         runs if all_good.is_empty() => format!("every one of the {} runs has failed\n", runs.len()),
         runs => format!("{} of {} runs: {}\n", all_good.len(), runs.len(), results()),
     };
-    for failure in &FAILURES {
-        let failed: Vec<usize> = (0..runs.len()).filter(|&nth| (failure.is_it)(&runs[nth])).collect();
+    for (failure, is_it) in &FAILURES {
+        let failed: Vec<usize> = (0..runs.len()).filter(|&nth| is_it(&runs[nth])).collect();
         let Some(first) = failed.first() else { continue };
         let point_of = |nth: usize| nth * points.len() / runs.len();
         let seeds = if points.len() > 1 {
@@ -116,19 +108,19 @@ pub(super) fn verdict(scenario: &ScenarioArgs, points: &[Point], runs: &[Measure
         };
         let set = points.get(point_of(*first)).map(|point| point.0.as_slice()).unwrap_or_default();
         let command = scenario.command("fly", set, Some(runs[*first].seed));
-        let detail = detail(&runs[*first], failure.text);
+        let detail = detail(&runs[*first], failure);
         text += &match runs {
-            [run] => format!("seed {} failed, {}{detail}: {command}\n", run.seed, failure.text),
-            runs => format!("{} of {} runs {}, {seeds}{detail}: {command}\n", failed.len(), runs.len(), failure.text),
+            [run] => format!("seed {} failed, {failure}{detail}: {command}\n", run.seed),
+            runs => format!("{} of {} runs {failure}, {seeds}{detail}: {command}\n", failed.len(), runs.len()),
         };
     }
     text
 }
 
-/// What all of these runs have achieved, as far as their figures show it.
+/// The things that all of these runs have achieved, as far as their figures show it.
 pub(crate) fn achievements(runs: &[&Measured]) -> Vec<String> {
     let mut results = Vec::new();
-    let all_have = |key: &str| runs.iter().all(|run| matches!(run.outcome(key), Some(Outcome::Value(_))));
+    let all_have = |key: &str| runs.iter().all(|run| run.value(key).is_some());
     for (key, what) in [("collisions", "no collision"), ("crashes", "no crash")] {
         results.extend(all_have(key).then(|| what.to_owned()));
     }
@@ -140,7 +132,7 @@ pub(crate) fn achievements(runs: &[&Measured]) -> Vec<String> {
     } else if all_have("at_altitude_s") {
         results.push("every vehicle at its altitude".to_owned());
     }
-    let steps = runs.iter().filter_map(|run| run.figures.get("setpoints_reached").copied().flatten());
+    let steps = runs.iter().filter_map(|run| run.value("setpoints_reached"));
     let mut steps: Vec<f64> = steps.collect();
     steps.sort_by(f64::total_cmp);
     // A mission of one step is over when the formation is there.
@@ -169,6 +161,8 @@ pub(crate) fn list(items: &[String]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     fn run(seed: u64, figures: &str) -> Measured {
@@ -269,5 +263,78 @@ mod tests {
         let runs: Vec<Measured> = (0..20).map(|seed| run(seed, COLLIDED)).collect();
         assert!(of(&runs).contains("20 of 20 runs with a collision, seeds 0, 1, 2, 3, 4, 5, 6, 7 and 12 more: "));
         assert!(of(&runs).starts_with("every one of the 20 runs has failed\n"));
+    }
+
+    /// Any run: each of these figures has a value, never came or does not apply.
+    fn any_run() -> impl Strategy<Value = Measured> {
+        let keys = [
+            "collisions",
+            "crashes",
+            "at_altitude_s",
+            "in_band_s",
+            "even_10deg_s",
+            "fallback_share",
+            "detection_s",
+            "transient_s",
+        ];
+        let figure = prop_oneof![3 => (0.0..3.0).prop_map(Some), 3 => Just(Some(0.0)), 2 => Just(None)];
+        (0_u64..1000, prop::collection::vec((figure, any::<bool>()), keys.len())).prop_map(move |(seed, figures)| {
+            let mut run = Measured { seed, ..Measured::default() };
+            for (key, (value, is_never)) in keys.iter().zip(figures) {
+                run.figures.insert((*key).to_owned(), value);
+                if value.is_none() && is_never {
+                    run.never.insert((*key).to_owned());
+                }
+            }
+            run
+        })
+    }
+
+    /// The number of good runs, as the first line of a verdict on several runs states it.
+    fn good(text: &str) -> usize {
+        text.split_once(" of ").and_then(|(good, _)| good.parse().ok()).unwrap_or(0)
+    }
+
+    proptest! {
+        #[test]
+        fn one_more_failed_run_never_improves_a_verdict(runs in prop::collection::vec(any_run(), 2..12), failed in any_run()) {
+            prop_assume!(failures(&failed).next().is_some());
+            let with_it: Vec<Measured> = runs.iter().cloned().chain([failed]).collect();
+            let (before, after) = (of(&runs), of(&with_it));
+            let first = |text: &str| text.lines().next().unwrap_or_default().to_owned();
+            let is_good = |run: &&Measured| failures(run).next().is_none();
+            prop_assert_eq!(good(&first(&after)), runs.iter().filter(is_good).count());
+            for (failure, is_it) in FAILURES {
+                let count = |runs: &[Measured]| runs.iter().filter(|run| is_it(run)).count();
+                prop_assert!(count(&with_it) >= count(&runs) && (count(&runs) == 0 || after.contains(failure)));
+            }
+            // The claims are those about the good runs.
+            let claims = |text: &str| first(text).split_once(": ").map(|(_, claims)| claims.to_owned());
+            prop_assert_eq!(claims(&before), claims(&after));
+        }
+
+        #[test]
+        fn a_run_that_gets_worse_keeps_its_failures(run in any_run(), by in 0.0..2.0) {
+            let before: Vec<&str> = failures(&run).collect();
+            let mut worse = run.clone();
+            for key in ["collisions", "crashes", "fallback_share"] {
+                worse.figures.entry(key.to_owned()).and_modify(|value| *value = value.map(|value| value + by));
+            }
+            for key in ["in_band_s", "detection_s"] {
+                worse.figures.insert(key.to_owned(), None);
+                worse.never.insert(key.to_owned());
+            }
+            let after: Vec<&str> = failures(&worse).collect();
+            prop_assert!(before.iter().all(|failure| after.contains(failure)), "{:?}, then {:?}", before, after);
+        }
+
+        #[test]
+        fn a_list_names_all_or_the_first_and_how_many_more(count in 0_usize..30) {
+            let items: Vec<String> = (0..count).map(|nth| format!("item{nth};")).collect();
+            let text = list(&items);
+            let named = items.iter().filter(|item| text.contains(item.as_str())).count();
+            let more = text.rsplit_once(" and ").and_then(|(_, end)| end.strip_suffix(" more")?.parse::<usize>().ok());
+            prop_assert_eq!(named + more.unwrap_or(0), count);
+        }
     }
 }

@@ -24,7 +24,6 @@
 //! X-Plane: a controller that is fast enough, over a network without delay, adds no delay at all.
 
 use std::collections::VecDeque;
-use std::num::NonZeroUsize;
 
 use skein_common::frame::{Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
@@ -42,7 +41,7 @@ use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Command, Measurement};
 
 use super::TICK_NS;
-use super::driver::{Driver, TakeOutputs};
+use super::beside::TakeOutputs;
 use super::script::ScriptedAction;
 use super::vehicle::{Arriving, Vehicle};
 use crate::faults::{Schedule, control_kills};
@@ -168,7 +167,7 @@ impl Central {
     }
 
     /// Whether the controller still computes a frame: then its agents receive nothing.
-    fn is_busy(&self, now: LocalTime) -> bool {
+    pub(super) fn is_busy(&self, now: LocalTime) -> bool {
         self.busy_until > now
     }
 
@@ -242,13 +241,11 @@ impl Central {
             }
         }
     }
-}
 
-impl Driver for Central {
-    /// The agents of a central controller share a perfect network and one clock, and send every frame, because silence
-    /// would save nothing. Frames that a slow controller skips are not those of a slow simulator: they keep no vehicle on
-    /// the ground.
-    fn scenario_of_agents(&self, scenario: &Scenario) -> Scenario {
+    /// The scenario that the agents of a central controller receive: they share a perfect network and one clock, and send
+    /// every frame, because silence would save nothing. Frames that a slow controller skips are not those of a slow
+    /// simulator: they keep no vehicle on the ground.
+    pub(super) fn scenario_of_agents(scenario: &Scenario) -> Scenario {
         let defaults = Source { name: "defaults", text: "swarm.vehicles = 1" };
         #[expect(clippy::expect_used, reason = "the smallest scenario, which tests load")]
         let perfect = load(&defaults, &[]).expect("a scenario of defaults").scenario.network;
@@ -262,19 +259,16 @@ impl Driver for Central {
         scenario
     }
 
-    /// The aircraft without its flight model.
-    fn aircraft_of_agents(&self, aircraft: &Aircraft) -> Aircraft {
+    /// The aircraft data that the agents of a central controller receive: the aircraft without its flight model.
+    pub(super) fn aircraft_of_agents(aircraft: &Aircraft) -> Aircraft {
         let of_model = aircraft.helicopter.as_ref().map(|model| model.head.nominal_speed_rad_s);
         let rotor_speed_rad_s = aircraft.rotor_speed_rad_s.or(of_model);
         Aircraft { helicopter: None, rotor_speed_rad_s, ..aircraft.clone() }
     }
 
-    fn agents_receive(&self, now: LocalTime) -> bool {
-        !self.is_busy(now)
-    }
-
-    /// Takes the next outage or restart of the controller. An outage discards controls that are computed and not sent.
-    fn due(&mut self, flown_s: f64) -> Option<ScriptedAction> {
+    /// Takes the next outage or restart of the controller that is due at this time after the first take-off, s. An outage
+    /// discards controls that are computed and not sent.
+    pub(super) fn due(&mut self, flown_s: f64) -> Option<ScriptedAction> {
         let action = self.outages.due(flown_s)?;
         self.is_running = action != ScriptedAction::Kill;
         if !self.is_running {
@@ -284,19 +278,8 @@ impl Driver for Central {
         Some(action)
     }
 
-    fn broadcasts(&self) -> bool {
-        false
-    }
-
-    /// One computer steps all agents, one after the other.
-    fn frame(
-        &mut self,
-        now: LocalTime,
-        _: Arriving<'_>,
-        vehicles: &mut [Vehicle],
-        _: NonZeroUsize,
-        take: &mut TakeOutputs<'_>,
-    ) {
+    /// Simulates the agents' part of one frame: one computer steps all agents, one after the other.
+    pub(super) fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>) {
         if self.read(now, vehicles) {
             for vehicle in vehicles.iter_mut() {
                 if let Some((outbox, ask)) = self.step(now, vehicle) {
@@ -307,8 +290,9 @@ impl Driver for Central {
         self.write(now, vehicles);
     }
 
-    /// Counts states to the controller and controls from it instead of the agents' messages.
-    fn totals(&self, of_agents: Totals) -> Totals {
+    /// The counters of what crossed the network: states to the controller and controls from it instead of the agents'
+    /// messages.
+    pub(super) fn totals(&self, of_agents: Totals) -> Totals {
         let Totals { state_messages, state_bytes, frame_overruns, .. } = self.totals;
         Totals { state_messages, state_bytes, frame_overruns, ..of_agents }
     }

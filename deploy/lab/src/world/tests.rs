@@ -44,7 +44,7 @@ fn failures(events: &[(f64, VehicleId, EventKind)]) -> Vec<(f64, VehicleId, Fail
 
 const POINTS: &str = "plant.model=point_mass";
 const RING_THEN_LAND: &str = "mission.steps=[{ hold_s = 90 }, { land = true }]";
-/// What the navigation of a small vehicle leaves of the errors of a satellite receiver and an inertial unit.
+/// The errors that the navigation of a small vehicle leaves of those of a satellite receiver and an inertial unit.
 const SATELLITE: &str = "sensing={ correlation_s = 30, noise = { position_m = 1, altitude_m = 1.5, velocity_m_s = 0.1, \
                          attitude_deg = 0.3, heading_deg = 1, rate_deg_s = 0.5 }, bias = { heading_deg = 2 } }";
 

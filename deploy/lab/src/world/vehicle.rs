@@ -24,7 +24,7 @@ use skein_core::strangers::StrangerState;
 use super::script::{self, ScriptedAction};
 use crate::faults::Schedule;
 
-/// What the agents receive in a tick and may take in place.
+/// The messages and states that the agents receive in a tick and may take in place.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Arriving<'a> {
     /// The messages to all vehicles of the swarm.
@@ -65,7 +65,7 @@ pub(super) struct Vehicle {
     /// Plant time of the last frame.
     pub(super) plant_time: PlantTime,
     pub(super) command: Option<Command>,
-    /// What moves the plant in this frame: the command, or what a pilot does.
+    /// The command that moves the plant in this frame: the agent's, or that of a pilot.
     pub(super) moved_by: Option<Command>,
     /// Flies the vehicle while its agent has released it.
     pub(super) human: SimulatedPilot,

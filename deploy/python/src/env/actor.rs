@@ -1,4 +1,4 @@
-//! What acts on the vehicles of a world in place of their laws or of their own control.
+//! Acts on the vehicles of a world in place of their laws or of their own control.
 
 use nalgebra::{Vector2, Vector3};
 use skein_core::formation::external::{LawQuery, LawReply, ReplyCommand};
@@ -6,7 +6,7 @@ use skein_core::plant::Controls;
 use skein_lab::study::{Pilot, Replaced};
 use skein_lab::world::World;
 
-/// What an action replaces.
+/// The part of the control that an action replaces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Action {
     /// Nothing: the scenario's own law flies.
@@ -40,7 +40,7 @@ impl Action {
         }
     }
 
-    /// What an action replaces in a world.
+    /// The part of a flight that an action replaces.
     pub(super) fn replaces(self) -> Replaced {
         match self {
             Self::None => Replaced::Nothing,
@@ -55,7 +55,7 @@ impl Action {
     }
 }
 
-/// What acts on one world.
+/// Acts on one world.
 #[derive(Debug)]
 pub(super) struct Actor {
     action: Action,
@@ -71,7 +71,7 @@ pub(super) struct Actor {
 }
 
 impl Actor {
-    /// What acts on a world of this many vehicles, whose own agents fly so many ticks before the first observation.
+    /// An actor for a world of this many vehicles, whose own agents fly so many ticks before the first observation.
     pub(super) fn new(action: Action, vehicles: usize, warm_up: u64) -> Self {
         let actions = vec![0.0; vehicles * action.size()];
         let queries = (0..vehicles).map(|_| None).collect();

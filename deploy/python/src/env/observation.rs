@@ -1,4 +1,4 @@
-//! What is observed of a world.
+//! The observations of a world.
 
 use pyo3::prelude::*;
 use skein_core::formation::external::LawQuery;
@@ -48,7 +48,7 @@ pub(super) struct Room<'a> {
     pub(super) crashed: &'a mut [bool],
 }
 
-/// What an observation is made of.
+/// The things that an observation is made of.
 pub(super) struct Look<'a> {
     /// Altitude and radius of the formation in each step of the mission, m.
     pub(super) goals: &'a [(f64, f64)],

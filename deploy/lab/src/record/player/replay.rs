@@ -8,7 +8,8 @@ use super::{Player, RecordError};
 use crate::record::channels::Sink;
 use crate::record::format;
 
-/// What was recorded in this time before an instant shows that instant: every vehicle makes a step, 10 times a second or more.
+/// An instant is shown by the messages of this time before it, ns: every vehicle makes a step, 10 times a second or
+/// more.
 const SHOWN_NS: u64 = 500_000_000;
 
 /// Replays a recording into a sink.

@@ -5,7 +5,8 @@ use skein_common::math;
 /// One axis of a panel.
 #[derive(Clone, Debug)]
 pub struct Axis {
-    label: String,
+    /// The quantity with its unit.
+    pub label: String,
     is_log: bool,
     range: Option<[f64; 2]>,
     includes: Vec<f64>,
@@ -13,13 +14,13 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Of a quantity with its unit; for pure numbers the unit is "1", which is not printed.
+    /// The axis of a quantity with its unit; for pure numbers the unit is "1", which is not printed.
     pub fn new(quantity: &str, unit: &str) -> Self {
         let label = if unit == "1" { quantity.to_owned() } else { format!("{quantity}, {unit}") };
         Self { label, is_log: false, range: None, includes: Vec::new(), named: Vec::new() }
     }
 
-    /// Of names, each at its number.
+    /// An axis of names, each at its number.
     pub fn named(of_what: &str, names: Vec<(f64, String)>) -> Self {
         let ends = names.iter().map(|(at, _)| *at);
         let range = ends.clone().reduce(f64::min).zip(ends.reduce(f64::max)).map(|(low, high)| [low - 0.6, high + 0.6]);
@@ -40,11 +41,6 @@ impl Axis {
     pub fn including(mut self, number: f64) -> Self {
         self.includes.push(number);
         self
-    }
-
-    /// With its unit.
-    pub fn label(&self) -> &str {
-        &self.label
     }
 
     /// It has names in place of numbers.
@@ -108,7 +104,7 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// As a share of the axis from its beginning.
+    /// The place of a number as a share of the axis from its beginning.
     pub(super) fn share(&self, number: f64) -> f64 {
         let on_it = if self.is_log { math::log10(number) } else { number };
         (on_it - self.from) / (self.to - self.from)
@@ -179,6 +175,8 @@ fn grouped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     fn texts(axis: &Axis, numbers: &[f64], length_px: f64) -> Vec<String> {
@@ -189,7 +187,7 @@ mod tests {
     #[test]
     fn ticks_are_round_numbers_and_as_many_as_fit() {
         let axis = Axis::new("time", "s");
-        assert_eq!(axis.label(), "time, s");
+        assert_eq!(axis.label, "time, s");
         assert_eq!(texts(&axis, &[0.0, 400.0], 800.0), ["0", "50", "100", "150", "200", "250", "300", "350", "400"]);
         assert_eq!(texts(&axis, &[0.0, 400.0], 300.0), ["0", "200", "400"]);
         let minus = "\u{2212}";
@@ -216,5 +214,38 @@ mod tests {
         let scale = axis.scale(std::iter::empty(), 0.0);
         assert_eq!(axis.ticks(&scale, 1000.0, 20.0).len(), 50);
         assert_eq!(axis.ticks(&scale, 300.0, 20.0).len(), 13);
+    }
+
+    proptest! {
+        #[test]
+        fn ticks_ascend_within_the_axis_and_do_not_crowd(
+            from in -1e6..1e6, width in 1e-3..1e6, length_px in 100.0..1000.0, apart_px in 15.0..90.0,
+        ) {
+            let axis = Axis::new("time", "s").within(from, from + width);
+            let scale = axis.scale(std::iter::empty(), 0.0);
+            let ticks = axis.ticks(&scale, length_px, apart_px);
+            let shares: Vec<f64> = ticks.iter().map(|(number, _)| scale.share(*number)).collect();
+            prop_assert!(shares.iter().all(|share| (-1e-6..=1.0 + 1e-6).contains(share)), "{:?}", ticks);
+            prop_assert!(shares.is_sorted_by(|one, other| one < other), "{:?}", ticks);
+            // One more than fit where a single number would not show the scale.
+            prop_assert!(ticks.len() as f64 <= f64::max(length_px / apart_px + 1.0 + 1e-6, 6.0), "{:?}", ticks);
+        }
+
+        #[test]
+        fn ticks_of_a_logarithmic_axis_ascend_within_it(from in 1e-6..1e3, times in 1.1..1e9, length_px in 100.0..1000.0) {
+            let axis = Axis::new("ratio", "1").within(from, from * times).log();
+            let scale = axis.scale(std::iter::empty(), 0.0);
+            let ticks = axis.ticks(&scale, length_px, 40.0);
+            prop_assert!(ticks.iter().all(|(number, _)| (-1e-6..=1.0 + 1e-6).contains(&scale.share(*number))), "{:?}", ticks);
+            prop_assert!(ticks.is_sorted_by(|(one, _), (other, _)| one < other), "{:?}", ticks);
+        }
+
+        #[test]
+        fn a_scale_holds_all_its_numbers(numbers in prop::collection::vec(-1e6..1e6, 0..20), padding in 0.0..0.2, zero: bool) {
+            let axis = if zero { Axis::new("time", "s").including(0.0) } else { Axis::new("time", "s") };
+            let scale = axis.scale(numbers.iter().copied(), padding);
+            let held = numbers.iter().copied().chain(zero.then_some(0.0));
+            prop_assert!(held.into_iter().all(|number| (-1e-9..=1.0 + 1e-9).contains(&scale.share(number))), "{:?}", scale);
+        }
     }
 }

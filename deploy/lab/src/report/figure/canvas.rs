@@ -18,7 +18,7 @@ pub(super) const SMALL_PX: f64 = 12.5;
 
 /// Pixels of a PNG for each pixel shown.
 const PNG_FINE: f32 = 2.0;
-/// What browsers take for the text: our own font where it is installed, else what the system reads well.
+/// The fonts that browsers take for the text: our own where it is installed, else what the system reads well.
 const FONTS: &str = "Ubuntu, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
 /// Most of those are wider than ours, in which text is measured.
 const WIDER: f64 = 1.1;
@@ -86,7 +86,7 @@ impl Canvas {
         let _ = self.0.write_fmt(element).and_then(|()| self.0.write_char('\n'));
     }
 
-    /// What is drawn now shows between left, top, right, bottom only.
+    /// Draws with everything outside left, top, right, bottom cut off.
     pub(super) fn within(&mut self, [left, top, right, bottom]: [f64; 4], draw: impl FnOnce(&mut Self)) {
         // An inner document, unlike a clip path, needs no name, which other figures on a page might have too.
         let place = [left, top, right - left, bottom - top].map(number);
@@ -221,7 +221,7 @@ fn simplified(line: &[[f64; 2]]) -> Vec<[f64; 2]> {
     line.iter().zip(kept).filter_map(|(point, kept)| kept.then_some(*point)).collect()
 }
 
-/// Of a point from a segment.
+/// The distance of a point from a segment.
 fn distance(point: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     let way = [to[0] - from[0], to[1] - from[1]];
     let off = [point[0] - from[0], point[1] - from[1]];

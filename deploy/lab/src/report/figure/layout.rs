@@ -131,7 +131,7 @@ fn axes(panel: &Panel, plot: &Plot, left: f64, y_label: &[String], canvas: &mut 
         canvas.text([plot.left - 7.0, y], &text, SMALL_PX, Colour::BLACK, Anchor::Right);
     }
     let middle = [(plot.left + right) / 2.0, (top + bottom) / 2.0];
-    canvas.text([middle[0], bottom + 34.0], panel.x.label(), LABEL_PX, Colour::BLACK, Anchor::Centre);
+    canvas.text([middle[0], bottom + 34.0], &panel.x.label, LABEL_PX, Colour::BLACK, Anchor::Centre);
     for (nth, line) in y_label.iter().enumerate() {
         canvas.text_upwards([left + 12.0 + LINE_PX * nth as f64, middle[1]], line, LABEL_PX, Colour::BLACK);
     }
@@ -141,7 +141,7 @@ fn axes(panel: &Panel, plot: &Plot, left: f64, y_label: &[String], canvas: &mut 
 fn y_label(panel: &Panel, height_px: f64) -> Vec<String> {
     // Title, legend and marks above the plot, numbers and label below it.
     const BESIDE_PLOT_PX: f64 = 100.0;
-    let label = panel.y.label();
+    let label = &panel.y.label;
     if text_width(label, LABEL_PX) <= height_px - BESIDE_PLOT_PX {
         return vec![label.to_owned()];
     }

@@ -4,6 +4,8 @@
 //! newest state at the receiver. More vehicles have a row for each receiver, coloured by the share of the running vehicles
 //! that it receives. Below, the number of groups into which the swarm is cut apart.
 
+use std::ops::Range;
+
 use skein_common::state::{Membership, PeerStatus};
 
 use super::marks::with_marks;
@@ -26,7 +28,7 @@ const AGES_S: [f64; 3] = [0.5, 1.0, 2.0];
 /// Shares of the swarm, the limits of the colours of a large one.
 const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
 
-/// What a receiver has of a sender during one column of the raster, from the best to the worst.
+/// The contact of a receiver with a sender during one column of the raster, from the best to the worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Contact {
     /// Its newest state is younger than this limit of [`AGES_S`].
@@ -38,9 +40,6 @@ enum Contact {
     /// Contact is lost or was never made although the sender is in the swarm.
     Lost,
 }
-
-/// A colour of the raster, with its name in the legend, and the cells that have it.
-type Shade = (Colour, String, Vec<([f64; 2], [f64; 2])>);
 
 /// Draws who receives whom; `None` for a single vehicle, or without a recorded step.
 pub(super) fn contact(flight: &Flight<'_>) -> Option<Drawing> {
@@ -63,7 +62,7 @@ pub(super) fn contact(flight: &Flight<'_>) -> Option<Drawing> {
     Some(flight.figure("contact", "Which vehicle receives which", caption, height_px, vec![raster, groups]))
 }
 
-/// What the receiver has of the sender at a sample; `None` while the receiver's agent does not run.
+/// The contact of the receiver with the sender at a sample; `None` while the receiver's agent does not run.
 fn contact_at(flight: &Flight<'_>, sample: usize, receiver: usize, sender: usize) -> Option<Contact> {
     let trace = &flight.seen[receiver].get(sample).copied().flatten()?.trace;
     let id = flight.id(sender);
@@ -85,7 +84,7 @@ fn has_gone(flight: &Flight<'_>, sample: usize, vehicle: usize) -> bool {
 }
 
 /// The first and the last sample of each column of the raster, and the column's ends on the time axis, s.
-fn columns(flight: &Flight<'_>) -> Vec<(std::ops::Range<usize>, [f64; 2])> {
+fn columns(flight: &Flight<'_>) -> Vec<(Range<usize>, [f64; 2])> {
     let samples = flight.times_s.len();
     let each = samples.div_ceil(COLUMNS).max(1);
     let apart_s = flight.times_s[1] - flight.times_s[0];
@@ -104,59 +103,69 @@ fn put(cells: &mut Vec<([f64; 2], [f64; 2])>, [from_s, to_s]: [f64; 2], [low, hi
     }
 }
 
-/// Items of all colours that occur.
-fn shaded(shades: Vec<Shade>) -> Vec<Item> {
-    let item = |(colour, name, cells): Shade| Item::new(Shape::Cells(cells), colour).in_legend(name);
-    shades.into_iter().filter(|(.., cells)| !cells.is_empty()).map(item).collect()
+/// The raster with these rows, each at its place on the axis. A shade is a colour with its name in the legend;
+/// `shade_of` chooses that of a row in the samples of a column.
+fn raster<Row>(
+    flight: &Flight<'_>,
+    axis: Axis,
+    rows: impl Iterator<Item = (f64, Row)>,
+    shades: Vec<(Colour, String)>,
+    shade_of: impl Fn(&Row, &Range<usize>) -> Option<usize>,
+) -> Panel {
+    let columns = columns(flight);
+    let mut cells = vec![Vec::new(); shades.len()];
+    for (middle, row) in rows {
+        for (samples, ends_s) in &columns {
+            if let Some(shade) = shade_of(&row, samples) {
+                put(&mut cells[shade], *ends_s, [middle - 0.5, middle + 0.5]);
+            }
+        }
+    }
+    let shaded = shades.into_iter().zip(cells).filter(|(_, cells)| !cells.is_empty());
+    let item = |((colour, name), cells)| Item::new(Shape::Cells(cells), colour).in_legend(name);
+    Panel { items: shaded.map(item).collect(), ..Panel::new(flight.time_axis(), axis) }
 }
 
 /// The raster with a row for each pair, grouped by receiver.
 fn by_pairs(flight: &Flight<'_>) -> (Panel, String) {
     let count = flight.count();
     // Each group of rows is followed by a gap.
-    let row = |receiver: usize, sender: usize| {
+    let row = |(receiver, sender): (usize, usize)| {
         let nth = if sender > receiver { sender - 1 } else { sender };
         -((receiver * count + nth) as f64 + 1.0)
     };
+    let pairs = || {
+        let all = (0..count).flat_map(move |receiver| (0..count).map(move |sender| (receiver, sender)));
+        all.filter(|(receiver, sender)| receiver != sender)
+    };
     let named_each = count <= FEW_NAMES;
     let names: Vec<(f64, String)> = if named_each {
-        let pairs = (0..count).flat_map(|receiver| (0..count).map(move |sender| (receiver, sender)));
-        let pairs = pairs.filter(|(receiver, sender)| receiver != sender);
-        let name = |receiver, sender| format!("{} from {}", flight.id(receiver), flight.id(sender));
-        pairs.map(|(receiver, sender)| (row(receiver, sender), name(receiver, sender))).collect()
+        let name = |(receiver, sender)| format!("{} from {}", flight.id(receiver), flight.id(sender));
+        pairs().map(|pair| (row(pair), name(pair))).collect()
     } else {
         let middle = |receiver: usize| -((receiver * count) as f64 + count as f64 / 2.0);
         (0..count).map(|receiver| (middle(receiver), flight.id(receiver).to_string())).collect()
     };
     let axis = if named_each { "receiver from sender" } else { "receiver, a row for each sender" };
     let axis = Axis::named(axis, names).within(-((count * count) as f64 - 0.4), -0.4);
-    let mut panel = Panel::new(flight.time_axis(), axis);
-    let mut shades: Vec<Shade> = vec![
-        (Colour::of_amount(0.0), format!("state younger than {} s", AGES_S[0]), Vec::new()),
-        (Colour::of_amount(0.45), format!("{} to {} s", AGES_S[0], AGES_S[1]), Vec::new()),
-        (Colour::of_amount(0.75), format!("{} to {} s", AGES_S[1], AGES_S[2]), Vec::new()),
-        (Colour::of_amount(1.0), format!("older than {} s", AGES_S[2]), Vec::new()),
-        (Colour::PALE, "sender does not run or has left".to_owned(), Vec::new()),
-        (Colour::VERMILLION, "not received".to_owned(), Vec::new()),
+    let shades = vec![
+        (Colour::of_amount(0.0), format!("state younger than {} s", AGES_S[0])),
+        (Colour::of_amount(0.45), format!("{} to {} s", AGES_S[0], AGES_S[1])),
+        (Colour::of_amount(0.75), format!("{} to {} s", AGES_S[1], AGES_S[2])),
+        (Colour::of_amount(1.0), format!("older than {} s", AGES_S[2])),
+        (Colour::PALE, "sender does not run or has left".to_owned()),
+        (Colour::VERMILLION, "not received".to_owned()),
     ];
-    let columns = columns(flight);
-    for receiver in 0..count {
-        for sender in (0..count).filter(|sender| *sender != receiver) {
-            let middle = row(receiver, sender);
-            for (samples, ends_s) in &columns {
-                let worst = samples.clone().filter_map(|sample| contact_at(flight, sample, receiver, sender)).max();
-                let shade = match worst {
-                    Some(Contact::Younger(limit)) => limit,
-                    Some(Contact::Older) => 3,
-                    Some(Contact::Gone) => 4,
-                    Some(Contact::Lost) => 5,
-                    None => continue,
-                };
-                put(&mut shades[shade].2, *ends_s, [middle - 0.5, middle + 0.5]);
-            }
-        }
-    }
-    panel.items = shaded(shades);
+    let shade_of = |&(receiver, sender): &(usize, usize), samples: &Range<usize>| {
+        let worst = samples.clone().filter_map(|sample| contact_at(flight, sample, receiver, sender)).max()?;
+        Some(match worst {
+            Contact::Younger(limit) => limit,
+            Contact::Older => AGES_S.len(),
+            Contact::Gone => AGES_S.len() + 1,
+            Contact::Lost => AGES_S.len() + 2,
+        })
+    };
+    let panel = raster(flight, axis, pairs().map(|pair| (row(pair), pair)), shades, shade_of);
     let caption = "A row for each receiver and sender, grouped by receiver: the age of the sender's newest state at the \
                    receiver, the oldest in each column. Blank: the receiver's agent does not run.";
     (panel, caption.to_owned())
@@ -167,32 +176,27 @@ fn by_receivers(flight: &Flight<'_>) -> (Panel, String) {
     let count = flight.count();
     let row = |receiver: usize| -(receiver as f64 + 1.0);
     let names = (0..count).map(|receiver| (row(receiver), flight.id(receiver).to_string())).collect();
-    let mut panel = Panel::new(flight.time_axis(), Axis::named("receiver", names));
-    let mut shades: Vec<Shade> = vec![
-        (Colour::of_amount(0.0), "receives all others".to_owned(), Vec::new()),
-        (Colour::of_amount(0.4), "75 % or more".to_owned(), Vec::new()),
-        (Colour::of_amount(0.7), "50 % or more".to_owned(), Vec::new()),
-        (Colour::of_amount(1.0), "25 % or more".to_owned(), Vec::new()),
-        (Colour::VERMILLION, "fewer than 25 %".to_owned(), Vec::new()),
+    let shades = [
+        (Colour::of_amount(0.0), "receives all others"),
+        (Colour::of_amount(0.4), "75 % or more"),
+        (Colour::of_amount(0.7), "50 % or more"),
+        (Colour::of_amount(1.0), "25 % or more"),
+        (Colour::VERMILLION, "fewer than 25 %"),
     ];
-    let columns = columns(flight);
-    for receiver in 0..count {
-        for (samples, ends_s) in &columns {
-            // One sample stands for its column: a large swarm has thousands of pairs.
-            let sample = samples.end - 1;
-            let others = (0..count).filter(|sender| *sender != receiver);
-            let of = others.filter_map(|sender| contact_at(flight, sample, receiver, sender));
-            let of: Vec<Contact> = of.filter(|contact| *contact != Contact::Gone).collect();
-            if of.is_empty() {
-                continue;
-            }
-            let received = of.iter().filter(|contact| **contact != Contact::Lost).count();
-            let share = received as f64 / of.len() as f64;
-            let shade = SHARES.iter().position(|least| share >= *least).unwrap_or(SHARES.len());
-            put(&mut shades[shade].2, *ends_s, [row(receiver) - 0.5, row(receiver) + 0.5]);
-        }
-    }
-    panel.items = shaded(shades);
+    let shades = shades.map(|(colour, name)| (colour, name.to_owned())).to_vec();
+    let shade_of = |&receiver: &usize, samples: &Range<usize>| {
+        // One sample stands for its column: a large swarm has thousands of pairs.
+        let sample = samples.end - 1;
+        let others = (0..count).filter(|sender| *sender != receiver);
+        let of = others.filter_map(|sender| contact_at(flight, sample, receiver, sender));
+        let of: Vec<Contact> = of.filter(|contact| *contact != Contact::Gone).collect();
+        let received = of.iter().filter(|contact| **contact != Contact::Lost).count();
+        let share = received as f64 / of.len() as f64;
+        let shade = SHARES.iter().position(|least| share >= *least).unwrap_or(SHARES.len());
+        (!of.is_empty()).then_some(shade)
+    };
+    let rows = (0..count).map(|receiver| (row(receiver), receiver));
+    let panel = raster(flight, Axis::named("receiver", names), rows, shades, shade_of);
     let caption = "A row for each receiver: the share of the other vehicles in the swarm of which it has a state. Blank: \
                    the receiver's agent does not run.";
     (panel, caption.to_owned())
@@ -201,7 +205,7 @@ fn by_receivers(flight: &Flight<'_>) -> (Panel, String) {
 /// The panel with the number of groups over time.
 fn groups_panel(flight: &Flight<'_>) -> Panel {
     let columns = columns(flight);
-    let most = |(samples, [from_s, to_s]): &(std::ops::Range<usize>, [f64; 2])| {
+    let most = |(samples, [from_s, to_s]): &(Range<usize>, [f64; 2])| {
         let groups = groups(flight, samples.end - 1);
         let level = (groups > 0).then_some(groups as f64);
         [level.map(|groups| [*from_s, groups]), level.map(|groups| [*to_s, groups])]

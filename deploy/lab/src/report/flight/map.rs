@@ -35,7 +35,7 @@ fn square(figure: Drawing) -> Drawing {
 }
 
 /// An empty map, with east to the right and north up.
-fn map() -> Panel {
+pub(in crate::report) fn map() -> Panel {
     Panel { is_map: true, ..Panel::new(Axis::new("east", "m"), Axis::new("north", "m")) }
 }
 
@@ -46,15 +46,19 @@ pub(super) fn final_places(flight: &Flight<'_>) -> Drawing {
         flight.last_flown().map_or("the end".to_owned(), |last| format!("{:.0} s", flight.times_s[last])),
         if flight.has_one_place() { String::new() } else { format!(" in the last {TRAIL_S} s") },
     );
-    square(flight.figure("final-places", "Final positions", caption, SQUARE_PX, vec![final_places_panel(flight)]))
+    let end_s = flight.last_flown().filter(|_| !flight.has_one_place()).map(|last| flight.times_s[last]);
+    let panel = places_panel(flight, end_s.map_or(f64::NEG_INFINITY, |end_s| end_s - TRAIL_S), false);
+    square(flight.figure("final-places", "Final positions", caption, SQUARE_PX, vec![panel]))
 }
 
-fn final_places_panel(flight: &Flight<'_>) -> Panel {
+/// A map of the vehicles at the last sample that was flown and of their paths since `since_s`, s, with the path of the
+/// centre if that is wanted.
+fn places_panel(flight: &Flight<'_>, since_s: f64, with_centre: bool) -> Panel {
     let mut panel = map();
     let Some(last) = flight.last_flown() else { return panel };
-    let since_s = if flight.has_one_place() { f64::NEG_INFINITY } else { flight.times_s[last] - TRAIL_S };
     let first = flight.times_s.partition_point(|t_s| *t_s < since_s);
     panel.items = airspace(flight);
+    panel.items.extend(with_centre.then(|| centre_path(flight)));
     panel.items.extend(ellipses(flight, last));
     panel.items.extend(trails(flight, first, last));
     panel.items.extend(vehicles(flight, last));
@@ -391,21 +395,7 @@ fn neighbour(id: VehicleId, trace: &Trace) -> Neighbour {
 
 /// Draws an overview of the flight in one figure.
 pub(super) fn overview(flight: &Flight<'_>) -> Drawing {
-    let mut places = final_places_panel(flight);
-    if !flight.has_one_place() {
-        let last = flight.last_flown().unwrap_or(0);
-        places = map();
-        places.items.extend(airspace(flight));
-        places.items.push(centre_path(flight));
-        places.items.extend(ellipses(flight, last));
-        if last < flight.times_s.len() {
-            places.items.extend(trails(flight, 0, last));
-        }
-        places.items.extend(vehicles(flight, last));
-        if last < flight.times_s.len() {
-            places.items.extend(ended_trails(flight, 0, last));
-        }
-    }
+    let mut places = places_panel(flight, f64::NEG_INFINITY, !flight.has_one_place());
     places.place = [0.0, 0.0, 0.47, 1.0];
     let (mut distance, mut pairs) = (centre_distance_panel(flight), pair_distance_panel(flight));
     let has_pairs = flight.count() > 1;

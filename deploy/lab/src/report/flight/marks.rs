@@ -15,7 +15,7 @@ const TOGETHER_S: f64 = 0.5;
 
 /// Adds the marks of the flight to a panel; returns the panel and the text about the marks for its caption.
 pub(super) fn with_marks(flight: &Flight<'_>, panel: Panel) -> (Panel, String) {
-    let mut marks = marks(flight);
+    let mut marks: Vec<Mark> = injected(flight.recording).into_iter().map(|(x, text)| Mark { x, text }).collect();
     if marks.len() <= FEW_MARKS {
         return (Panel { marks, ..panel }, String::new());
     }
@@ -23,11 +23,6 @@ pub(super) fn with_marks(flight: &Flight<'_>, panel: Panel) -> (Panel, String) {
     let caption = format!(" Marks: {}.", texts.collect::<Vec<_>>().join(", "));
     marks.iter_mut().enumerate().for_each(|(nth, mark)| mark.text = (nth + 1).to_string());
     (Panel { marks, ..panel }, caption)
-}
-
-/// The marks of the flight, in the order of time.
-fn marks(flight: &Flight<'_>) -> Vec<Mark> {
-    injected(flight.recording).into_iter().map(|(x, text)| Mark { x, text }).collect()
 }
 
 /// The faults that were injected and the orders that were given, each with its time, s. Those of one kind at about the same

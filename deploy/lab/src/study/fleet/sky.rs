@@ -61,21 +61,18 @@ impl Sent {
     }
 }
 
-/// What the vehicles of a team receive of other teams in a round: those with the same cells receive the same.
+/// The messages of other teams that the vehicles with the same cells receive in a round.
 #[derive(Debug, Default)]
-pub(super) struct FromOthers {
-    /// The states that the vehicles of each group receive.
-    pub(super) groups: Vec<Vec<StrangerState>>,
-    /// The group of each vehicle.
-    pub(super) group_of: Vec<usize>,
-    /// Size of the messages of each group, bytes.
-    pub(super) bytes: Vec<u64>,
-    /// Number of intents that the vehicles of each group receive, and their size, bytes.
-    pub(super) intents_sent: Vec<(u64, u64)>,
-    /// The intents that the vehicles of each group need; a vehicle that waits for no area needs none.
-    pub(super) intents: Vec<Vec<ReceivedIntent>>,
-    /// Whether a vehicle is in each of the nine cells around each group.
-    pub(super) is_surrounded: Vec<bool>,
+pub(super) struct Group {
+    pub(super) states: Vec<StrangerState>,
+    /// Size of the messages with these states, bytes.
+    pub(super) bytes: u64,
+    /// Number of intents that are received, and their size, bytes.
+    pub(super) intents_sent: (u64, u64),
+    /// The intents that the vehicles need; a vehicle that waits for no area needs none.
+    pub(super) intents: Vec<ReceivedIntent>,
+    /// Whether a vehicle is in each of the nine cells around.
+    pub(super) is_surrounded: bool,
 }
 
 impl Sky {
@@ -96,22 +93,34 @@ impl Sky {
         }
     }
 
-    /// What the vehicles of a team receive that have these cells. `origin` is that of the team's frame.
-    pub(super) fn received(&self, origin: &Origin, homes: &[Homes], own: TeamId) -> FromOthers {
+    /// The groups of a team whose vehicles have these cells, and the group of each vehicle. `origin` is that of the
+    /// team's frame.
+    pub(super) fn received(&self, origin: &Origin, homes: &[Homes], own: TeamId) -> (Vec<Group>, Vec<usize>) {
         let mut distinct: Vec<Homes> = Vec::new();
-        let mut from_others = FromOthers::default();
+        let mut group_of = Vec::with_capacity(homes.len());
         for homes in homes {
             let known = distinct.iter().position(|known| known == homes);
-            from_others.group_of.push(known.unwrap_or(distinct.len()));
+            group_of.push(known.unwrap_or(distinct.len()));
             if known.is_none() {
                 distinct.push(*homes);
             }
         }
-        // A state is converted once, whatever the number of groups that receive it.
         let cells: Vec<Vec<Cell>> = distinct.iter().map(Homes::cells).collect();
+        let group = |(homes, cells): (&Homes, &Vec<Cell>)| {
+            let sent = || cells.iter().flat_map(|cell| self.intents.get(cell).into_iter().flatten());
+            let others = || sent().filter(|(team, ..)| *team != own);
+            let size = |intent: &Intent| skein_common::message::encoded_len(intent) as u64;
+            let needed = others().filter(|_| homes.wanted.is_some());
+            Group {
+                intents_sent: others().fold((0, 0), |(count, bytes), (_, intent, _)| (count + 1, bytes + size(intent))),
+                intents: needed.map(|(team, intent, at)| ReceivedIntent::new(*team, intent, origin, *at)).collect(),
+                is_surrounded: homes.here.with_neighbours().all(|cell| self.occupied.contains(&cell)),
+                ..Group::default()
+            }
+        };
+        let mut groups: Vec<Group> = distinct.iter().zip(&cells).map(group).collect();
+        // A state is converted once, whatever the number of groups that receive it.
         let all: BTreeSet<Cell> = cells.iter().flatten().copied().collect();
-        from_others.groups.resize_with(distinct.len(), Vec::new);
-        from_others.bytes.resize(distinct.len(), 0);
         for cell in all {
             let receiving: Vec<usize> =
                 (0..distinct.len()).filter(|&group| cells[group].binary_search(&cell).is_ok()).collect();
@@ -121,34 +130,12 @@ impl Sky {
                 let velocity = convergence.velocity_from_local(velocity);
                 let state = StrangerState { id, order, position, velocity, at };
                 for &group in &receiving {
-                    from_others.groups[group].push(state);
-                    from_others.bytes[group] += u64::from(bytes);
+                    groups[group].states.push(state);
+                    groups[group].bytes += u64::from(bytes);
                 }
             }
         }
-        from_others.intents_sent = cells
-            .iter()
-            .map(|cells| {
-                let sent = cells.iter().flat_map(|cell| self.intents.get(cell).into_iter().flatten());
-                let others = sent.filter(|(team, ..)| *team != own);
-                let size = |intent: &Intent| skein_common::message::encoded_len(intent) as u64;
-                others.fold((0, 0), |(count, bytes), (_, intent, _)| (count + 1, bytes + size(intent)))
-            })
-            .collect();
-        from_others.intents = distinct
-            .iter()
-            .zip(&cells)
-            .map(|(homes, cells)| {
-                let wanted = if homes.wanted.is_some() { cells.as_slice() } else { &[] };
-                let sent = wanted.iter().flat_map(|cell| self.intents.get(cell).into_iter().flatten());
-                let others = sent.filter(|(team, ..)| *team != own);
-                others.map(|(team, intent, at)| ReceivedIntent::new(*team, intent, origin, *at)).collect()
-            })
-            .collect();
-        let is_occupied = |cell: Cell| self.occupied.contains(&cell);
-        from_others.is_surrounded =
-            distinct.iter().map(|homes| homes.here.with_neighbours().all(is_occupied)).collect();
-        from_others
+        (groups, group_of)
     }
 }
 
@@ -181,17 +168,18 @@ mod tests {
         let mut second = sent(vec![in_air("2/1", 1990.0), in_air("2/2", 3100.0)]);
         let mut sky = Sky::default();
         sky.exchange([&mut first, &mut second].into_iter(), [].into_iter());
-        let team_1 = sky.received(&map, &[0, 2].map(|x| at_home(Cell { x, y: 0 })), id("1/1").team);
+        let (groups, group_of) = sky.received(&map, &[0, 2].map(|x| at_home(Cell { x, y: 0 })), id("1/1").team);
         let names = |nth: usize| -> Vec<String> {
-            team_1.groups[team_1.group_of[nth]].iter().map(|state| state.id.to_string()).collect()
+            groups[group_of[nth]].states.iter().map(|state| state.id.to_string()).collect()
         };
         assert_eq!(names(0), ["2/1"], "1,990 m is in the next cell, 3,100 m beyond it");
         assert_eq!(names(1), ["2/1", "2/2"]);
-        assert!((team_1.groups[0][0].position.north_m() - 1990.0).abs() < 1e-3, "{:?}", team_1.groups[0]);
-        assert_eq!((&team_1.bytes[..], &team_1.is_surrounded[..]), (&[70, 140][..], &[false, false][..]));
+        assert!((groups[0].states[0].position.north_m() - 1990.0).abs() < 1e-3, "{:?}", groups[0]);
+        let sizes: Vec<_> = groups.iter().map(|group| (group.bytes, group.is_surrounded)).collect();
+        assert_eq!(sizes, [(70, false), (140, false)]);
         sky.exchange([&mut first, &mut second].into_iter(), [].into_iter());
         assert!(
-            sky.received(&map, &[at_home(Cell { x: 0, y: 0 })], TeamId::FIRST).groups[0].is_empty(),
+            sky.received(&map, &[at_home(Cell { x: 0, y: 0 })], TeamId::FIRST).0[0].states.is_empty(),
             "a round is received once"
         );
     }
@@ -210,8 +198,8 @@ mod tests {
         };
         let mut sent = sent((-1..=1).flat_map(|x| (-1..=1).map(move |y| (x, y))).map(|(x, y)| state(x, y)).collect());
         sky.exchange([&mut sent].into_iter(), (-1..=1).flat_map(|x| (-1..=1).map(move |y| Cell { x, y })));
-        let received = sky.received(&map, &[0, 1, 0].map(|x| at_home(Cell { x, y: 0 })), TeamId::FIRST);
-        assert_eq!((&received.group_of[..], &received.is_surrounded[..]), (&[0, 1, 0][..], &[true, false][..]));
-        assert_eq!(received.groups.iter().map(Vec::len).collect::<Vec<_>>(), [9, 6]);
+        let (groups, group_of) = sky.received(&map, &[0, 1, 0].map(|x| at_home(Cell { x, y: 0 })), TeamId::FIRST);
+        let received: Vec<_> = groups.iter().map(|group| (group.is_surrounded, group.states.len())).collect();
+        assert_eq!((group_of, received), (vec![0, 1, 0], vec![(true, 9), (false, 6)]));
     }
 }

@@ -14,10 +14,10 @@ use skein_core::impairments::lasting;
 use skein_core::neighbourhood::{Homes, Neighbourhood};
 use skein_core::plant::GroundTruth;
 
-use super::super::Study;
 use super::super::flight::SeedFlight;
-use super::super::recorded::{RecordRunError, RunRecorder};
-use super::sky::{Sent, Sky};
+use super::super::recorded::RunRecorder;
+use super::super::{Study, StudyError};
+use super::sky::{Group, Sent, Sky};
 use crate::metrics::across::Airborne;
 use crate::metrics::{AIRBORNE_ABOVE_M, Report, Run, VehicleTraffic, Wall};
 use crate::record::{self, RecordError, RecordingInfo, TeamPlaces, VehiclePlace, Writer, log_time_ns};
@@ -33,11 +33,12 @@ pub(super) struct Team {
     /// The times in which the team receives nothing from other teams, s after its take-off. The flag states whether the
     /// other teams receive nothing from it either.
     isolated: Vec<(Range<f64>, bool)>,
-    sent: Sent,
+    /// The states and intents sent in this round.
+    pub(super) sent: Sent,
     neighbourhoods: Vec<Neighbourhood>,
     /// The cells of each vehicle at the end of the last round.
     homes: Vec<Homes>,
-    airborne: Airborne,
+    pub(super) airborne: Airborne,
     received: Received,
     /// Number of messages of other teams that each vehicle received, and their size, bytes.
     from_others: Vec<(u64, u64)>,
@@ -51,17 +52,17 @@ pub(super) struct Team {
     recorder: Option<(RunRecorder, f64)>,
 }
 
-/// What the vehicles of a team received in the window.
+/// Counts of the states that the vehicles of a team received in the window.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Received {
     /// States of other teams of all vehicles.
     pub(super) states: u64,
-    /// Of the vehicles with a vehicle in each of their nine cells: the rounds of all of them, the states of other teams
-    /// that they received, and the bytes of these states.
+    /// The counts of the vehicles with a vehicle in each of their nine cells: the rounds of all of them, the states of
+    /// other teams that they received, and the bytes of these states.
     pub(super) surrounded: (u64, u64, u64),
 }
 
-/// What a team has measured.
+/// The results of a team.
 #[derive(Debug)]
 pub(super) struct TeamReport {
     pub(super) id: TeamId,
@@ -76,7 +77,7 @@ pub(super) struct TeamReport {
 }
 
 impl TeamReport {
-    /// What each vehicle received.
+    /// The messages that each vehicle received.
     pub(super) fn traffic(&self) -> impl Iterator<Item = VehicleTraffic> {
         self.from_others.iter().zip(VehicleId::first(self.from_others.len())).map(|(&(messages, bytes), vehicle)| {
             let per_s = |count: u64| count as f64 / self.t_s.max(1e-9);
@@ -98,7 +99,7 @@ impl Team {
     ///
     /// # Errors
     /// If the scenario cannot be flown, or the team's recording cannot be begun.
-    pub(super) fn new(study: &Study, recording: Option<(&Path, &String)>) -> Result<Self, RecordRunError> {
+    pub(super) fn new(study: &Study, recording: Option<(&Path, &String)>) -> Result<Self, StudyError> {
         let scenario = &study.scenario;
         let (id, origin) =
             (scenario.team.map_or(TeamId::FIRST, |team| team.id), Origin::new(scenario.origin.geodetic()));
@@ -138,30 +139,31 @@ impl Team {
         if self.is_isolated(false) {
             return;
         }
-        let from_others = sky.received(&self.origin, &self.homes, self.id);
-        for (nth, &group) in from_others.group_of.iter().enumerate() {
-            let (states, bytes) = (from_others.groups[group].len() as u64, from_others.bytes[group]);
+        let (groups, group_of) = sky.received(&self.origin, &self.homes, self.id);
+        for (nth, &group) in group_of.iter().enumerate() {
+            let Group { states, bytes, intents_sent, intents, is_surrounded } = &groups[group];
+            let states = states.len() as u64;
             self.received.states += states;
             if let Some((all, all_bytes)) = self.from_others.get_mut(nth) {
-                let (intents, intents_bytes) = from_others.intents_sent[group];
-                (*all, *all_bytes) = (*all + states + intents, *all_bytes + bytes + intents_bytes);
+                (*all, *all_bytes) = (*all + states + intents_sent.0, *all_bytes + bytes + intents_sent.1);
             }
-            if from_others.is_surrounded[group] {
+            if *is_surrounded {
                 let (rounds, all, all_bytes) = &mut self.received.surrounded;
                 (*rounds, *all, *all_bytes) = (*rounds + 1, *all + states, *all_bytes + bytes);
             }
-            if !from_others.intents[group].is_empty() {
-                self.flight.world().receive_intents(nth, from_others.intents[group].clone());
+            if !intents.is_empty() {
+                self.flight.world.receive_intents(nth, intents.clone());
             }
         }
-        self.flight.world().receive_strangers(from_others.groups, &from_others.group_of);
+        let states = groups.into_iter().map(|group| group.states).collect();
+        self.flight.world.receive_strangers(states, &group_of);
     }
 
     /// Flies one frame and measures it. `fleet` is the origin of the cells, `zero_s` the beginning of the window.
     pub(super) fn tick(&mut self, fleet: &Origin, zero_s: Option<f64>) {
-        self.flight.world().tick();
+        self.flight.world.tick();
         let is_isolated = self.is_isolated(true);
-        let world = self.flight.world_and_metrics().0;
+        let world = &self.flight.world;
         if !is_isolated {
             let at = world.now();
             for state in world.states_in_flight() {
@@ -186,7 +188,7 @@ impl Team {
         if self.is_over {
             return;
         }
-        self.flight.begin_window(Some(zero_s));
+        self.flight.zero_s = Some(zero_s);
         let mut watched = self.recorder.as_mut().map(|(file, hz)| (&mut file.writer as &mut dyn Watch, *hz));
         self.flight.end_tick(&mut watched);
         // As in a flight of one swarm, the team's figures end with the frame in which its mission does.
@@ -197,7 +199,7 @@ impl Team {
     /// `fleet` is the origin of the cells.
     pub(super) fn end_round(&mut self, fleet: &Origin) {
         let Self { origin, flight, neighbourhoods, homes, .. } = self;
-        let world = flight.world_and_metrics().0;
+        let world = &flight.world;
         let on_map = |place| fleet.ned_from_geodetic(&origin.geodetic_from_ned(place));
         neighbourhoods.resize_with(world.vehicle_count(), Neighbourhood::default);
         homes.clear();
@@ -234,7 +236,7 @@ impl Team {
 
     /// The team's world.
     pub(super) fn world(&self) -> &World {
-        self.flight.world_and_metrics().0
+        &self.flight.world
     }
 
     /// Whether the mission has ended except for the landing, or no agent runs.
@@ -242,21 +244,12 @@ impl Team {
         self.world().has_finished() || self.world().vehicles().next().is_none()
     }
 
-    /// The states sent in this round.
-    pub(super) fn sent(&mut self) -> &mut Sent {
-        &mut self.sent
-    }
-
     /// The cells in which the vehicles are.
     pub(super) fn cells(&self) -> impl Iterator<Item = Cell> {
         self.homes.iter().map(|homes| homes.here)
     }
 
-    pub(super) fn airborne(&self) -> &Airborne {
-        &self.airborne
-    }
-
-    /// What was measured, and whether the recording of the team is complete.
+    /// The results, and whether the recording of the team is complete.
     pub(super) fn report(mut self, wall: Wall) -> (TeamReport, Result<(), RecordError>) {
         let report = self.flight.figures(wall);
         let recorded = self.recorder.take().map_or(Ok(()), |(file, _)| file.finish(report.duration_s));

@@ -6,13 +6,13 @@ use skein_core::helicopter::{Failures, Start, Weather};
 
 use super::*;
 
-/// As [`compute`] on a processor without AVX-512.
+/// [`compute`] on a processor without AVX-512.
 #[multiversion(targets("x86_64+avx2"))]
 fn compute_without_avx512(block: &mut Block) {
     block.compute();
 }
 
-/// As [`compute`] on a processor without AVX2.
+/// [`compute`] on a processor without AVX2.
 fn compute_with_baseline(block: &mut Block) {
     block.compute();
 }

@@ -1,6 +1,6 @@
 //! `reference/figures.md`: every figure of `metrics.json`.
 
-use skein_lab::metrics::figures;
+use skein_lab::metrics::figures::{FIGURES, Figure};
 
 /// The page.
 pub(super) fn page() -> String {
@@ -13,8 +13,18 @@ pub(super) fn page() -> String {
          `velocity_correlation`, `collision_risk`, `mean_speed_m_s`, `disconnected_vehicles` and `min_cluster_vehicles` are the order \
          parameters φ of Vásárhelyi et al. (Science Robotics 3, 2018). Both take their graphs from distances; here the graph is which \
          vehicle really receives which other.",
-        figures::markdown()
+        table()
     );
     let purpose = "After reading this page you can read every figure of `metrics.json`, `runs.csv` and `summary.json`.";
     super::page("Figures", purpose, "the table of figures", &body)
+}
+
+/// The table of all figures, in Markdown.
+fn table() -> String {
+    let row = |figure: &Figure| {
+        let (key, unit, worse, meaning) = (figure.key, figure.unit, figure.worse_is(), figure.meaning);
+        format!("| `{key}` | {unit} | {worse} | {meaning} |\n")
+    };
+    let rows: String = FIGURES.iter().map(row).collect();
+    format!("| figure | unit | worse | meaning |\n| --- | --- | --- | --- |\n{rows}")
 }
