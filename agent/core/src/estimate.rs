@@ -217,6 +217,7 @@ fn rounded(place: &Geodetic) -> Geodetic {
 fn is_plausible(measurement: &Measurement) -> bool {
     let Measurement { position, height_m, velocity, attitude, rates, rotor_speed_rad_s } = measurement;
     let rate = |rad_s: f64| rad_s.abs() <= MAX_RATE_RAD_S;
+    use crate::tests::sensing_without_errors as sensing;
     position.is_plausible()
         && height_m.is_finite()
         && velocity.0.norm_squared() <= math::square(VehicleState::MAX_SPEED_M_S)
@@ -233,10 +234,6 @@ mod tests {
 
     fn origin() -> Origin {
         Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0))
-    }
-
-    fn sensing(position: PositionSensing, velocity: VelocitySensing) -> Sensing {
-        Sensing::without_errors(position, velocity)
     }
 
     fn measured(north_m: f64, east_m: f64) -> Measurement {

@@ -606,6 +606,4 @@ fn conversion(settings: &scenario::Formation) -> Conversion {
 }
 
 #[cfg(test)]
-mod point_mass;
-#[cfg(test)]
 mod tests;

@@ -5,7 +5,7 @@ use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNe
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::testing::{header, heartbeat, id, progress, report};
+use crate::tests::{header, heartbeat, id, progress, report};
 
 const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, vehicles: None, signature: None };
 const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, vehicles: None, signature: None };

@@ -5,7 +5,7 @@ use skein_common::scenario::{Graph, Source, load};
 use skein_common::state::VehicleState;
 
 use super::*;
-use crate::testing::{self, heartbeat, id, origin, progress, received_state};
+use crate::tests::{self as testing, heartbeat, id, origin, progress, received_state};
 
 mod ages;
 mod plain;

@@ -4,7 +4,7 @@ use skein_common::id::VehicleSet;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::testing::id;
+use crate::tests::id;
 
 /// The exchange of vehicle 2 with a law, frame by frame.
 struct Session {
