@@ -604,7 +604,7 @@ impl Agent {
 /// The trim with this vehicle's hidden error, which the scenario's seed determines.
 fn with_hidden_error(trim: Trim, scenario: &Scenario, own: VehicleId) -> Trim {
     let mut generator = random::generator(scenario.seed, Some(own), Purpose::Trim);
-    let mut error_rad = || scenario.swarm.trim_error_rms_rad() * random::standard_normal(&mut generator);
+    let mut error_rad = || scenario.swarm.trim_error_rms_deg.to_radians() * random::standard_normal(&mut generator);
     let (roll_error_rad, pitch_error_rad) = (error_rad(), error_rad());
     Trim { roll_rad: trim.roll_rad + roll_error_rad, pitch_rad: trim.pitch_rad + pitch_error_rad, ..trim }
 }

@@ -62,7 +62,7 @@ pub struct Diagnosis {
 impl Diagnosis {
     /// The diagnosis of a vehicle of this type before take-off.
     pub fn new(scenario: &Scenario, aircraft: &Aircraft) -> Self {
-        let rotor = Rotor { lifts_at_rad_s: aircraft.take_off_rotor_rad_s(), was_at_speed: false };
+        let rotor = RotorMonitor { lifts_at_rad_s: aircraft.take_off_rotor_rad_s(), was_at_speed: false };
         let monitor = aircraft.helicopter.as_ref().map(|model| ControlMonitor::new(model, aircraft.trim.controls()));
         Self { rotor, monitor, position: Position::of(scenario), worst: None, stuck: None, is_frozen: false }
     }
@@ -225,8 +225,13 @@ impl ControlMonitor {
             trim,
             roll: cyclic(head.lateral_flap_gain_rad_per_rad * model.lateral_throw_rad()),
             pitch: cyclic(head.longitudinal_flap_gain_rad_per_rad * model.longitudinal_throw_rad()),
-            yaw: Rate::new(model.yaw_rate_rad_s(), 0.06, Excess::over(0.6, 1.2)),
-            climb: Climb { gain_m_s: climb_m_s, expected_m_s: 0.0, measured_m_s: 0.0, excess: Excess::over(7.0, 15.0) },
+            yaw: Rate::new(model.yaw_rate_rad_s(), 0.06, CumulativeSum::over(0.6, 1.2)),
+            climb: Climb {
+                gain_m_s: climb_m_s,
+                expected_m_s: 0.0,
+                measured_m_s: 0.0,
+                excess: CumulativeSum::over(7.0, 15.0),
+            },
         }
     }
 

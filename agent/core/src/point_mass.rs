@@ -64,7 +64,7 @@ impl PointMass {
             limits: Limits {
                 speed_m_s: limits.max_speed_m_s,
                 climb_m_s: limits.max_climb_m_s,
-                turn_rad_s: limits.max_turn_rad_s(),
+                turn_rad_s: limits.max_turn_deg_s.to_radians(),
                 change_m_s: limits.max_acceleration_m_s2.map_or(f64::INFINITY, |limit_m_s2| limit_m_s2 * TICK_S),
                 velocity_share: share(limits.lag_s),
                 turn_share: share(limits.turn_lag_s),
