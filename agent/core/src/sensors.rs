@@ -193,7 +193,7 @@ fn normal(generator: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::new(draw(), draw(), draw())
 }
 
-/// Which measurements are lost.
+/// Decides which measurements are lost.
 #[derive(Clone, Debug)]
 struct Dropouts {
     generator: ChaCha8Rng,

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
 use skein_common::message::Failure;
-use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
+use skein_common::scenario::{PositionSensing, VelocitySensing};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
