@@ -49,18 +49,7 @@ const TABLES: &[&[Key]] = &[
 ];
 
 /// Every key of a scenario file, the keys of one table together.
-pub const KEYS: &[Key] = &ALL;
-
-const COUNT: usize = {
-    let (mut count, mut table) = (0, 0);
-    while table < TABLES.len() {
-        count += TABLES[table].len();
-        table += 1;
-    }
-    count
-};
-
-const ALL: [Key; COUNT] = {
+pub const KEYS: &[Key] = &{
     let mut keys = [TABLES[0][0]; COUNT];
     let (mut count, mut table, mut nth) = (0, 0, 0);
     while count < COUNT {
@@ -72,6 +61,15 @@ const ALL: [Key; COUNT] = {
         }
     }
     keys
+};
+
+const COUNT: usize = {
+    let (mut count, mut table) = (0, 0);
+    while table < TABLES.len() {
+        count += TABLES[table].len();
+        table += 1;
+    }
+    count
 };
 
 /// A key of earlier versions. A file that still has it is refused with the reason.
