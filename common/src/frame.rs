@@ -379,7 +379,7 @@ fn ned_from_ecef(place: &Geodetic) -> Matrix3<f64> {
 macro_rules! ned_vector {
     ($(#[$doc:meta])* $name:ident, $north:ident, $east:ident, $down:ident) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
         #[serde(from = "[f64; 3]", into = "[f64; 3]")]
         #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
         pub struct $name(pub Vector3<f64>);
@@ -431,12 +431,6 @@ macro_rules! ned_vector {
         impl From<$name> for [f64; 3] {
             fn from(vector: $name) -> Self {
                 vector.0.into()
-            }
-        }
-
-        impl Default for $name {
-            fn default() -> Self {
-                Self(Vector3::zeros())
             }
         }
 

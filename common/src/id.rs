@@ -9,108 +9,95 @@ use serde::{Deserialize, Serialize};
 
 pub use vehicle_name::VehicleName;
 
-/// Id of a vehicle, 1 to 250; it is also the vehicle's MAVLink system id.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(try_from = "u8", into = "u8")]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct VehicleId(NonZeroU8);
+/// Defines a number from 1 to a largest one, with its spelling as text and the error of another number.
+macro_rules! number_from_one {
+    ($(#[$about:meta])* $name:ident: $inner:ty, $nonzero:ty, to $max:literal; $(#[$about_error:meta])* $error:ident) => {
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+        $(#[$about])*
+        pub struct $name($nonzero);
 
-/// A number that cannot be a vehicle's id.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("vehicle ids are 1 to 250, not {0}")]
-pub struct InvalidVehicleId(pub u64);
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+        $(#[$about_error])*
+        pub struct $error(pub u64);
 
-impl VehicleId {
-    /// The largest id: MAVLink reserves the higher ones for ground stations.
-    pub const MAX: u8 = 250;
+        impl $name {
+            /// The largest number.
+            pub const MAX: $inner = $max;
 
-    /// The id with this number.
-    ///
-    /// # Errors
-    /// If the number is not 1 to 250.
-    pub fn new(number: u8) -> Result<Self, InvalidVehicleId> {
-        match NonZeroU8::new(number) {
-            Some(id) if number <= Self::MAX => Ok(Self(id)),
-            _ => Err(InvalidVehicleId(number.into())),
+            /// Makes it from its number.
+            ///
+            /// # Errors
+            /// If the number is 0 or above [`Self::MAX`].
+            pub fn new(number: $inner) -> Result<Self, $error> {
+                match <$nonzero>::new(number) {
+                    Some(id) if number <= Self::MAX => Ok(Self(id)),
+                    _ => Err($error(number.into())),
+                }
+            }
+
+            /// Those from 1 to `count` in order, at most [`Self::MAX`] of them.
+            pub fn first(count: usize) -> impl Iterator<Item = Self> + Clone {
+                (1..=count.min(Self::MAX.into()) as $inner).filter_map(<$nonzero>::new).map(Self)
+            }
+
+            /// The number.
+            #[inline]
+            pub const fn get(self) -> $inner {
+                self.0.get()
+            }
         }
-    }
 
-    /// Ids 1 to `count` in order, at most [`VehicleId::MAX`] of them.
-    pub fn first(count: usize) -> impl Iterator<Item = Self> + Clone {
-        (1..=count.min(Self::MAX.into()) as u8).filter_map(NonZeroU8::new).map(Self)
-    }
+        impl TryFrom<$inner> for $name {
+            type Error = $error;
+            fn try_from(number: $inner) -> Result<Self, $error> {
+                Self::new(number)
+            }
+        }
 
-    /// The id as a number.
-    #[inline]
-    pub const fn get(self) -> u8 {
-        self.0.get()
-    }
+        impl From<$name> for $inner {
+            fn from(id: $name) -> $inner {
+                id.get()
+            }
+        }
+
+        impl std::str::FromStr for $name {
+            type Err = $error;
+            fn from_str(text: &str) -> Result<Self, $error> {
+                let number: u64 = text.parse().map_err(|_| $error(0))?;
+                Self::new(number.try_into().map_err(|_| $error(number))?)
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "{}", self.0)
+            }
+        }
+    };
 }
 
-impl TryFrom<u8> for VehicleId {
-    type Error = InvalidVehicleId;
-    fn try_from(number: u8) -> Result<Self, InvalidVehicleId> {
-        Self::new(number)
-    }
+number_from_one! {
+    /// Id of a vehicle, 1 to 250; it is also the vehicle's MAVLink system id. MAVLink reserves the higher ones for ground
+    /// stations.
+    #[serde(try_from = "u8", into = "u8")]
+    VehicleId: u8, NonZeroU8, to 250;
+    /// A number that cannot be a vehicle's id.
+    #[error("vehicle ids are 1 to 250, not {0}")]
+    InvalidVehicleId
 }
-
-impl From<VehicleId> for u8 {
-    fn from(id: VehicleId) -> u8 {
-        id.get()
-    }
+number_from_one! {
+    /// Number of a team in its fleet, 1 to 4096.
+    #[serde(try_from = "u16", into = "u16")]
+    TeamId: u16, NonZeroU16, to 4096;
+    /// A number that cannot be a team's.
+    #[error("teams are numbered 1 to 4096, not {0}")]
+    InvalidTeamId
 }
-
-impl std::str::FromStr for VehicleId {
-    type Err = InvalidVehicleId;
-    fn from_str(text: &str) -> Result<Self, InvalidVehicleId> {
-        let number: u64 = text.parse().map_err(|_| InvalidVehicleId(0))?;
-        Self::new(u8::try_from(number).map_err(|_| InvalidVehicleId(number))?)
-    }
-}
-
-impl fmt::Display for VehicleId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.0)
-    }
-}
-
-/// Number of a team in its fleet, 1 to 4096.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(try_from = "u16", into = "u16")]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct TeamId(NonZeroU16);
-
-/// A number that cannot be a team's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("teams are numbered 1 to 4096, not {0}")]
-pub struct InvalidTeamId(pub u64);
 
 impl TeamId {
-    /// The largest number of a team.
-    pub const MAX: u16 = 4096;
     /// Team 1.
     pub const FIRST: Self = Self(NonZeroU16::MIN);
-
-    /// The team with this number.
-    ///
-    /// # Errors
-    /// If the number is not 1 to 4096.
-    pub fn new(number: u16) -> Result<Self, InvalidTeamId> {
-        match NonZeroU16::new(number) {
-            Some(id) if number <= Self::MAX => Ok(Self(id)),
-            _ => Err(InvalidTeamId(number.into())),
-        }
-    }
-
-    /// Teams 1 to `count` in order, at most [`TeamId::MAX`] of them.
-    pub fn first(count: usize) -> impl Iterator<Item = Self> + Clone {
-        (1..=count.min(Self::MAX.into()) as u16).filter_map(NonZeroU16::new).map(Self)
-    }
-
-    /// The number.
-    pub const fn get(self) -> u16 {
-        self.0.get()
-    }
 
     /// The seed of this team in a run of the fleet with this seed: the teams of a fleet, and one team in runs with
     /// different seeds, have different ones.
@@ -120,33 +107,6 @@ impl TeamId {
         let mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         (mixed ^ (mixed >> 31)) >> 1
-    }
-}
-
-impl TryFrom<u16> for TeamId {
-    type Error = InvalidTeamId;
-    fn try_from(number: u16) -> Result<Self, InvalidTeamId> {
-        Self::new(number)
-    }
-}
-
-impl From<TeamId> for u16 {
-    fn from(id: TeamId) -> u16 {
-        id.get()
-    }
-}
-
-impl std::str::FromStr for TeamId {
-    type Err = InvalidTeamId;
-    fn from_str(text: &str) -> Result<Self, InvalidTeamId> {
-        let number: u64 = text.parse().map_err(|_| InvalidTeamId(0))?;
-        Self::new(u16::try_from(number).map_err(|_| InvalidTeamId(number))?)
-    }
-}
-
-impl fmt::Display for TeamId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.0)
     }
 }
 

@@ -20,6 +20,7 @@ mod across;
 mod check;
 mod error;
 mod fleet;
+mod key;
 mod keys;
 mod kind;
 mod law;
@@ -36,9 +37,8 @@ use std::fmt;
 
 pub use error::ScenarioError;
 pub use fleet::{Described, FLEET_KEYS, load_any};
-pub use keys::{
-    Implied, KEYS, Key, Kind, Literal, NEVER_SUGGESTED, Range, matching, most_similar, nearest_of, takes_whole_numbers,
-};
+pub use key::{Implied, Key, Kind, Literal, Range};
+pub use keys::{KEYS, NEVER_SUGGESTED, matching, most_similar, nearest_of, takes_whole_numbers};
 pub use kind::FileKind;
 pub use law::{LawNameError, OwnLaw, add_laws};
 pub use model::*;

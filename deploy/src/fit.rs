@@ -132,7 +132,7 @@ fn responses(fitted: &Fitted) -> String {
 }
 
 fn figures(fitted: &Fitted, file: &Path) -> serde_json::Value {
-    let Fitted { trim, gains, rotor_speed_rad_s, responses, overshoot, settled_s } = fitted;
+    let Fitted { trim, gains, rotor_speed_rad_s, responses, overshoot, settled_s, .. } = fitted;
     serde_json::json!({
         "file": file,
         "trim": {
@@ -215,7 +215,8 @@ mod tests {
         };
         let gains = Gains { roll: -1.2, pitch: 0.8, yaw: -0.5, collective: 1.1 };
         let responses = Responses { roll_rad_s: -2.9, pitch_rad_s: 4.2, yaw_rad_s: -4.0, climb_m_s: 16.0 };
-        let fitted = Fitted { trim, gains, rotor_speed_rad_s: Some(45.5), responses, overshoot: 0.04, settled_s: 4.6 };
+        let found = Fitted { trim, gains, rotor_speed_rad_s: Some(45.5), ..Fitted::default() };
+        let fitted = Fitted { responses, overshoot: 0.04, settled_s: 4.6, ..found };
         let base =
             "[trim]\ncollective = 0.1\n[xplane]\nroll = 'a/b'\n[xplane.hold]\n'c/d' = 1.0\n[helicopter]\nmass_kg = 1\n";
         let text = aircraft_file(&fitted, "my-heli", "X-Plane", base);

@@ -32,7 +32,7 @@ use crate::control::{Controller, Rules, Trim};
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{Condition, Conditions, Response};
-use crate::formation::external::{LawQuery, LawReply};
+use crate::formation::external::{External, LawQuery, LawReply};
 use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario, Workspace};
 use crate::intent::{Intents, ReceivedIntent};
 use crate::mission::{Mission, Task, View};
@@ -50,7 +50,7 @@ use steady_clock::SteadyClock;
 pub struct Inputs<'a> {
     /// Time for which this agent did not run before this step because its computer is overloaded, s, if it was late.
     pub did_not_run_s: Option<f64>,
-    /// What the plant reports beside its frames.
+    /// The plant's report beside its frames.
     pub status: &'a PlantStatus,
     /// Measurement of the plant's new frame; `None` if none arrived in time.
     pub measurement: Option<&'a Measurement>,
@@ -116,7 +116,7 @@ struct OwnEstimate {
 }
 
 /// Results of the last step: the only path from a later stage to an earlier one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct LastStep {
     /// The missing data or peers as last reported.
     missing: Option<Condition>,
@@ -164,19 +164,7 @@ impl Agent {
             schedule: SendSchedule::new(own, incarnation, &origin, &scenario.network),
             clock: SteadyClock::default(),
             pace: Pace::new(scenario.plant.min_frame_rate_hz),
-            last: LastStep {
-                missing: Some(Condition::SimulatorLost),
-                standstill: None,
-                simulator_faults: Vec::new(),
-                membership: Membership::Joining,
-                activity: Activity::Joining,
-                is_released: false,
-                plant_time: None,
-                estimate: None,
-                output: None,
-                in_place_s: None,
-                command: None,
-            },
+            last: LastStep { missing: Some(Condition::SimulatorLost), ..LastStep::default() },
         })
     }
 
@@ -234,7 +222,7 @@ impl Agent {
         self.last.membership
     }
 
-    /// What the vehicle is doing.
+    /// The vehicle's present activity.
     pub fn activity(&self) -> Activity {
         self.last.activity
     }
@@ -289,12 +277,12 @@ impl Agent {
 
     /// Number of states sent so far, and their payload, bytes.
     pub fn states_sent(&self) -> (u64, u64) {
-        (self.schedule.state_messages(), self.schedule.state_bytes())
+        (self.schedule.states.messages, self.schedule.states.bytes)
     }
 
     /// Number of heartbeats sent so far, and their payload, bytes.
     pub fn heartbeats_sent(&self) -> (u64, u64) {
-        self.schedule.heartbeats()
+        (self.schedule.heartbeats.messages, self.schedule.heartbeats.bytes)
     }
 
     /// Number of interventions of the safety filter so far; `None` without a filter.
@@ -304,18 +292,18 @@ impl Agent {
 
     /// Number of queries without a reply from an external law so far; `None` without such a law.
     pub fn law_misses(&self) -> Option<u64> {
-        self.formation.law_misses()
+        self.formation.external.as_ref().map(|law| law.misses)
     }
 
     /// Whether the fallback flies in the place of an external law; `None` where the vehicle flies by no external law.
     pub fn fallback_flies(&self) -> Option<bool> {
-        self.formation.fallback_flies()
+        self.formation.external.as_ref().and_then(External::fallback_flies)
     }
 
     /// The failures found in the own vehicle, from the least to the most severe.
     pub fn failures(&self) -> Vec<Failure> {
         let stuck = self.mission.is_stuck().then_some(Failure::Altitude);
-        let place = self.mission.has_given_up().then_some(Failure::Place);
+        let place = self.mission.gave_up.then_some(Failure::Place);
         let mut failures: Vec<Failure> = self.diagnosis.found().chain(stuck).chain(place).collect();
         failures.sort_unstable();
         failures
@@ -323,7 +311,7 @@ impl Agent {
 
     /// The orders that this agent knows.
     pub fn orders(&self) -> &StandingOrders {
-        self.mission.orders()
+        &self.mission.orders
     }
 
     /// The present value of a key that an operator has set in flight, in the key's unit; `None` before a setting of it has begun.
@@ -336,7 +324,7 @@ impl Agent {
         Drops {
             old: self.peers.old(),
             forged: self.peers.forged(),
-            measurement: self.estimator.refused(),
+            measurement: self.estimator.refused,
             ..Drops::default()
         }
     }
@@ -356,7 +344,7 @@ impl Agent {
         // What a simulator shows that does not simulate the flight is not the vehicle's state.
         let measurement = inputs.measurement.filter(|_| inputs.status.standstill.is_none());
         let estimate = self.estimator.update(now, measurement);
-        let new = estimate.filter(|_| self.estimator.is_new());
+        let new = estimate.filter(|_| self.estimator.is_new);
         let before = if new.is_some() { self.last.plant_time.replace(now.plant) } else { None };
         let dt_s = before.map_or(0.0, |before| now.plant.seconds_since(before));
         let condition = match inputs.status.standstill {
@@ -411,7 +399,7 @@ impl Agent {
         }
         let Some(estimate) = &own.new else { return (None, events) };
         let output = self.last.output.as_ref();
-        let (at, is_complete) = (self.mission.at(), self.mission.has_completed());
+        let (at, is_complete) = (self.mission.at(), self.mission.is_complete);
         let is_next_taken = |intents: &mut Box<Intents>| intents.is_next_taken(own.now.local, at, is_complete);
         let view = View {
             is_next_taken: self.intents.as_mut().is_some_and(is_next_taken),
@@ -455,7 +443,7 @@ impl Agent {
     /// Changes the formation by what an operator has set in flight.
     fn tune(&mut self, own: &OwnEstimate, events: &mut Vec<EventKind>) {
         let all_know = |setting: &Order| self.peers.all_know(setting);
-        if let Some(scenario) = self.tuning.step(own.dt_s, self.mission.orders(), all_know, events) {
+        if let Some(scenario) = self.tuning.step(own.dt_s, &self.mission.orders, all_know, events) {
             self.formation.change(&scenario);
         }
     }
@@ -476,7 +464,7 @@ impl Agent {
         let reach_m = self.formation.reach_m(task, self.peers.members().len() + 1);
         let others = self.peers.near(estimate.position, reach_m);
         self.last.output = self.formation.step(own.dt_s, estimate, others, task, workspace);
-        let flies = self.mission.activity() == Activity::Formation;
+        let flies = self.mission.activity == Activity::Formation;
         let is_in_place = flies && self.last.output.is_some_and(|output| output.in_place);
         self.last.in_place_s = is_in_place.then(|| was_in_place_s.map_or(0.0, |before_s| before_s + own.dt_s));
         self.last.output
@@ -539,72 +527,15 @@ impl Agent {
         let intent = self.intents.as_mut().filter(|_| flies).and_then(due);
         let header = intent.map(|_| self.schedule.header_of_intent(own.now.local));
         let intent =
-            header.zip(intent).map(|(header, intent)| Box::new(intent.message(header, self.estimator.origin())));
+            header.zip(intent).map(|(header, intent)| Box::new(intent.message(header, &self.estimator.origin)));
         Outbox { intent, ..outbox }
-    }
-
-    /// Compares with the last step and reports the changes.
-    fn report_changes(
-        &mut self,
-        status: &PlantStatus,
-        conditions: Conditions,
-        estimate: Option<Estimate>,
-        events: &mut Vec<EventKind>,
-    ) {
-        const MISSING: [Condition; 4] =
-            [Condition::SimulatorStopped, Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
-        const BLIND: [Condition; 3] = [Condition::SimulatorStopped, Condition::SimulatorLost, Condition::OwnDataStale];
-        let is_blind = |missing: Option<Condition>| missing.is_some_and(|missing| BLIND.contains(&missing));
-        if status.standstill != self.last.standstill {
-            events.extend(status.standstill.map(EventKind::SimulatorStopped));
-        }
-        if status.faults != self.last.simulator_faults {
-            let is_new = |fault: &&SimulatorFault| !self.last.simulator_faults.contains(fault);
-            events.extend(status.faults.iter().filter(is_new).copied().map(EventKind::SimulatorFault));
-            self.last.simulator_faults.clone_from(&status.faults);
-        }
-        let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
-        let was_blind = is_blind(self.last.missing);
-        if missing != self.last.missing {
-            match missing {
-                Some(Condition::SimulatorLost) => events.push(EventKind::SimulatorLost),
-                Some(Condition::OwnDataStale) => events.push(EventKind::OwnDataStale),
-                Some(Condition::AllPeersLost) if !was_blind => events.push(EventKind::AllPeersLost),
-                _ if was_blind && self.last.estimate.is_some() => events.push(EventKind::OwnDataBack),
-                _ => {}
-            }
-        }
-        let (membership, activity) = (self.mission.membership(), self.mission.activity());
-        if membership == Membership::Active && self.last.membership == Membership::Joining {
-            events.push(EventKind::BecameActive);
-        }
-        if activity != self.last.activity {
-            match (self.last.activity, activity) {
-                (Activity::TakingOff, Activity::Formation) => events.push(EventKind::AtAltitude),
-                (_, Activity::Landed) => events.push(EventKind::Landed),
-                _ => {}
-            }
-        }
-        let is_released = activity == Activity::Released;
-        if is_released != self.last.is_released {
-            events.push(if is_released { EventKind::ControlsReleased } else { EventKind::ControlsTakenBack });
-        }
-        // The estimate of the last step was needed up to here: the first data ever are not reported as back.
-        self.last.estimate = estimate;
-        self.last.missing = missing;
-        self.last.standstill = status.standstill;
-        self.last.membership = membership;
-        self.last.is_released = is_released;
-        self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };
-        // A vehicle that does not know where it is does not know that it is in its place.
-        self.last.in_place_s = self.last.in_place_s.filter(|_| self.last.activity == Activity::Formation);
     }
 }
 
 /// The trim with this vehicle's hidden error, which the scenario's seed determines.
 fn with_hidden_error(trim: Trim, scenario: &Scenario, own: VehicleId) -> Trim {
     let mut generator = random::generator(scenario.seed, Some(own), Purpose::Trim);
-    let mut error_rad = || scenario.swarm.trim_error_rms_rad() * random::standard_normal(&mut generator);
+    let mut error_rad = || scenario.swarm.trim_error_rms_deg.to_radians() * random::standard_normal(&mut generator);
     let (roll_error_rad, pitch_error_rad) = (error_rad(), error_rad());
     Trim { roll_rad: trim.roll_rad + roll_error_rad, pitch_rad: trim.pitch_rad + pitch_error_rad, ..trim }
 }

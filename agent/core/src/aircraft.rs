@@ -25,7 +25,7 @@ pub struct Aircraft {
     pub rotor_speed_rad_s: Option<f64>,
     /// Parameters of the built-in flight model; absent for an aircraft that only X-Plane flies.
     pub helicopter: Option<Parameters>,
-    /// What it flies on.
+    /// Its battery or its tank.
     pub battery: Option<Battery>,
     /// The datarefs of its controls.
     pub xplane: Profile,

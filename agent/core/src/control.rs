@@ -41,10 +41,10 @@ use crate::plant::Controls;
 use crate::setpoint::{CollectiveLimit, Setpoint};
 
 pub use fis::{Fis, FisError};
-pub use gains::{BadGain, Gains};
+pub use gains::{Gains, OutOfLimits};
 pub use stage::{Controller, StageOutput};
 pub use sugeno::Sugeno;
-pub use trim::{AutoTrim, BadTrim, Trim};
+pub use trim::{AutoTrim, Trim};
 pub use velocity::VelocityController;
 
 /// Longest time step of the integrals, s: after a pause of the plant they do not jump.
@@ -103,7 +103,7 @@ pub struct Rules {
     pub heading: Arc<Sugeno>,
     /// Inputs altitude error (m), climb rate (m/s).
     pub collective: Arc<Sugeno>,
-    /// What is unusual about the files that they were read from, each with its place.
+    /// Unusual features of the files that they were read from, each with its place.
     pub warnings: Arc<[FisError]>,
 }
 
@@ -162,8 +162,10 @@ pub struct VehicleController {
     rules: Rules,
     trim: Trim,
     gains: Gains,
+    /// `None` if auto-trim is off.
     auto_trim: Option<AutoTrim>,
     last: Controls,
+    /// The limit of the climb authority at the last step, if it was at one.
     collective_limit: Option<CollectiveLimit>,
     transfer: Option<Transfer>,
 }
@@ -265,16 +267,6 @@ impl VehicleController {
             self.last.collective = (self.trim.controls().collective + brake).clamp(0.0, 1.0);
         }
         ControlOutput { controls: self.last, ..controls }
-    }
-
-    /// The state of auto-trim; `None` if it is off.
-    pub fn auto_trim(&self) -> Option<AutoTrim> {
-        self.auto_trim
-    }
-
-    /// The limit of the climb authority at the last step, if it was at one.
-    pub fn collective_limit(&self) -> Option<CollectiveLimit> {
-        self.collective_limit
     }
 
     fn command(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> Result<Controls, ControlFault> {

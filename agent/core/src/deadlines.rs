@@ -2,54 +2,33 @@
 //!
 //! | deadline | counted from | after | by | effect |
 //! | --- | --- | --- | --- | --- |
-//! | [`OwnDataStale`] | last measurement | 0.1 s | local clock | controls neutral, no state sent |
-//! | [`SimulatorLost`] | last measurement | 2 s | local clock | no controls; the vehicle rejoins later |
-//! | [`ClockJumped`] | last step | 10 s | local clock | the elapsed time is not counted |
-//! | [`StateOld`] | peer's state sent | 0.5 s | local clock | the peer is stale |
-//! | [`NeighbourSilent`] | peer's state received | `network.peer_stale_s` | local clock | the peer leaves the formation |
-//! | [`PeerLost`] | any message of a peer received | `network.peer_stale_s` | local clock | the swarm does not wait for the peer |
-//! | [`ObstacleGone`] | peer lost | 10 s | local clock | the peer stops being an obstacle |
-//! | [`PeerGivenUp`] | peer lost, or own start | 60 s | local clock | the peer counts as out of the mission |
-//! | [`LeniencyOver`] | own agent late | 10 s | local clock | the peers' silence limit is normal again |
-//! | [`RoundTripOld`] | echo received | 60 s | local clock | the round trip bounds no delay |
-//! | [`Listened`] | first measurement | 2 s | local clock | the vehicle becomes an active member |
-//! | [`AltitudeStuck`] | no collective left | 20 s | plant time | the vehicle lands |
-//! | [`NoProgress`] | last time nearer to the step | `mission.progress_timeout_s` | plant time | the vehicle lands |
-//! | [`HoldOver`] | begin of the step | `hold_s` of the step | plant time | the vehicle has completed the step |
-//! | [`Dwelt`] | arrival in place | `dwell_s` of the step | plant time | the vehicle has completed the step |
-//! | [`TouchedDown`] | rest near the ground | 1 s | plant time | the rotor is unloaded |
-//! | [`Unloaded`] | touchdown | 2 s | plant time | the vehicle has landed |
-//! | [`SettingBegins`] | setting received | 2 s | plant time | it takes effect although a member has not repeated it |
-//! | [`HeartbeatDue`] | last heartbeat | 0.2 s | local clock | the next heartbeat is sent |
-//! | [`StateDue`] | last state sent | `network.state_max_period_s` | local clock | the next state is sent |
+//! | `OwnDataStale` | last measurement | 0.1 s | local clock | controls neutral, no state sent |
+//! | `SimulatorLost` | last measurement | 2 s | local clock | no controls; the vehicle rejoins later |
+//! | `ClockJumped` | last step | 10 s | local clock | the elapsed time is not counted |
+//! | `StateOld` | peer's state sent | 0.5 s | local clock | the peer is stale |
+//! | `NeighbourSilent` | peer's state received | `network.peer_stale_s` | local clock | the peer leaves the formation |
+//! | `PeerLost` | any message of a peer received | `network.peer_stale_s` | local clock | the swarm does not wait for the peer |
+//! | `ObstacleGone` | peer lost | 10 s | local clock | the peer stops being an obstacle |
+//! | `PeerGivenUp` | peer lost, or own start | 60 s | local clock | the peer counts as out of the mission |
+//! | `LeniencyOver` | own agent late | 10 s | local clock | the peers' silence limit is normal again |
+//! | `RoundTripOld` | echo received | 60 s | local clock | the round trip bounds no delay |
+//! | `Listened` | first measurement | 2 s | local clock | the vehicle becomes an active member |
+//! | `AltitudeStuck` | no collective left | 20 s | plant time | the vehicle lands |
+//! | `NoProgress` | last time nearer to the step | `mission.progress_timeout_s` | plant time | the vehicle lands |
+//! | `HoldOver` | begin of the step | `hold_s` of the step | plant time | the vehicle has completed the step |
+//! | `Dwelt` | arrival in place | `dwell_s` of the step | plant time | the vehicle has completed the step |
+//! | `TouchedDown` | rest near the ground | 1 s | plant time | the rotor is unloaded |
+//! | `Unloaded` | touchdown | 2 s | plant time | the vehicle has landed |
+//! | `SettingBegins` | setting received | 2 s | plant time | it takes effect although a member has not repeated it |
+//! | `HeartbeatDue` | last heartbeat | 0.2 s | local clock | the next heartbeat is sent |
+//! | `StateDue` | last state sent | `network.state_max_period_s` | local clock | the next state is sent |
 //!
 //! A vehicle on the ground that has listened before and has not lost all peers, as after a restart of its simulator, does
-//! not wait for [`Listened`]: its agent has received its peers all the time.
+//! not wait for [`Deadline::Listened`]: its agent has received its peers all the time.
 //!
 //! Deadlines do not wake the vehicle: a step notices those that have passed since the last step. The external law's
 //! limit is counted, not timed: the agent queries the law every `formation.external.period_s` of plant time and drops
 //! it after `formation.external.misses` queries in a row without a reply ([`crate::formation::external`]).
-//!
-//! [`OwnDataStale`]: Deadline::OwnDataStale
-//! [`SimulatorLost`]: Deadline::SimulatorLost
-//! [`ClockJumped`]: Deadline::ClockJumped
-//! [`StateOld`]: Deadline::StateOld
-//! [`NeighbourSilent`]: Deadline::NeighbourSilent
-//! [`PeerLost`]: Deadline::PeerLost
-//! [`ObstacleGone`]: Deadline::ObstacleGone
-//! [`PeerGivenUp`]: Deadline::PeerGivenUp
-//! [`LeniencyOver`]: Deadline::LeniencyOver
-//! [`RoundTripOld`]: Deadline::RoundTripOld
-//! [`Listened`]: Deadline::Listened
-//! [`AltitudeStuck`]: Deadline::AltitudeStuck
-//! [`NoProgress`]: Deadline::NoProgress
-//! [`HoldOver`]: Deadline::HoldOver
-//! [`Dwelt`]: Deadline::Dwelt
-//! [`TouchedDown`]: Deadline::TouchedDown
-//! [`Unloaded`]: Deadline::Unloaded
-//! [`SettingBegins`]: Deadline::SettingBegins
-//! [`HeartbeatDue`]: Deadline::HeartbeatDue
-//! [`StateDue`]: Deadline::StateDue
 
 /// The period of the heartbeat that carries the agreement state, s.
 pub const HEARTBEAT_PERIOD_S: f64 = 0.2;
@@ -136,28 +115,16 @@ impl Deadline {
     /// that instant; a tolerated age is still tolerated at that instant.
     #[inline]
     pub fn is_past(self, since_s: f64) -> bool {
-        match self {
+        let is_complete_at_once = matches!(
+            self,
             Self::PeerGivenUp
-            | Self::Listened
-            | Self::HoldOver(_)
-            | Self::Dwelt(_)
-            | Self::HeartbeatDue
-            | Self::StateDue(_) => since_s >= self.after_s(),
-            Self::OwnDataStale
-            | Self::SimulatorLost
-            | Self::ClockJumped
-            | Self::StateOld
-            | Self::NeighbourSilent(_)
-            | Self::PeerLost(_)
-            | Self::ObstacleGone
-            | Self::LeniencyOver
-            | Self::RoundTripOld
-            | Self::AltitudeStuck
-            | Self::NoProgress(_)
-            | Self::TouchedDown
-            | Self::Unloaded
-            | Self::SettingBegins => since_s > self.after_s(),
-        }
+                | Self::Listened
+                | Self::HoldOver(_)
+                | Self::Dwelt(_)
+                | Self::HeartbeatDue
+                | Self::StateDue(_)
+        );
+        if is_complete_at_once { since_s >= self.after_s() } else { since_s > self.after_s() }
     }
 }
 

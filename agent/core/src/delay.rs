@@ -144,7 +144,7 @@ impl DelayBase {
     /// Without a round trip no delay is known.
     pub const UNKNOWN: Self = Self { most_s: f64::NAN, likely_s: f64::NAN };
 
-    /// Of each of the two delays the larger one.
+    /// Takes the larger one of each of the two delays.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         Self { most_s: self.most_s.max(other.most_s), likely_s: self.likely_s.max(other.likely_s) }

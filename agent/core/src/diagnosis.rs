@@ -51,7 +51,7 @@ const LONGEST_STEP_S: f64 = 0.1;
 /// The diagnosis of one vehicle. A failure stays found.
 #[derive(Clone, Debug)]
 pub struct Diagnosis {
-    rotor: Rotor,
+    rotor: RotorMonitor,
     monitor: Option<ControlMonitor>,
     position: Position,
     worst: Option<Failure>,
@@ -62,7 +62,7 @@ pub struct Diagnosis {
 impl Diagnosis {
     /// The diagnosis of a vehicle of this type before take-off.
     pub fn new(scenario: &Scenario, aircraft: &Aircraft) -> Self {
-        let rotor = Rotor { lifts_at_rad_s: aircraft.take_off_rotor_rad_s(), was_at_speed: false };
+        let rotor = RotorMonitor { lifts_at_rad_s: aircraft.take_off_rotor_rad_s(), was_at_speed: false };
         let monitor = aircraft.helicopter.as_ref().map(|model| ControlMonitor::new(model, aircraft.trim.controls()));
         Self { rotor, monitor, position: Position::of(scenario), worst: None, stuck: None, is_frozen: false }
     }
@@ -132,12 +132,12 @@ impl Diagnosis {
 
 /// Detects a rotor that slows down.
 #[derive(Clone, Debug)]
-struct Rotor {
+struct RotorMonitor {
     lifts_at_rad_s: Option<f64>,
     was_at_speed: bool,
 }
 
-impl Rotor {
+impl RotorMonitor {
     fn is_without_power(&mut self, measurement: &Measurement) -> bool {
         let Some((speed_rad_s, lifts_at_rad_s)) = measurement.rotor_speed_rad_s.zip(self.lifts_at_rad_s) else {
             return false;
@@ -220,13 +220,18 @@ impl ControlMonitor {
         let rate_rad_s = |disc_rad: f64| disc_rad * head.flybar_lock_number * speed_rad_s / 16.0;
         let collective_range_rad = servos.max_collective_rad - servos.min_collective_rad;
         let climb_m_s = 4.0 / 3.0 * speed_rad_s * model.main_rotor.radius_m * collective_range_rad;
-        let cyclic = |disc_rad: f64| Rate::new(rate_rad_s(disc_rad), 0.045, Excess::over(0.25, 0.05));
+        let cyclic = |disc_rad: f64| Rate::new(rate_rad_s(disc_rad), 0.045, CumulativeSum::over(0.25, 0.05));
         Self {
             trim,
             roll: cyclic(head.lateral_flap_gain_rad_per_rad * model.lateral_throw_rad()),
             pitch: cyclic(head.longitudinal_flap_gain_rad_per_rad * model.longitudinal_throw_rad()),
-            yaw: Rate::new(model.yaw_rate_rad_s(), 0.06, Excess::over(0.6, 1.2)),
-            climb: Climb { gain_m_s: climb_m_s, expected_m_s: 0.0, measured_m_s: 0.0, excess: Excess::over(7.0, 15.0) },
+            yaw: Rate::new(model.yaw_rate_rad_s(), 0.06, CumulativeSum::over(0.6, 1.2)),
+            climb: Climb {
+                gain_m_s: climb_m_s,
+                expected_m_s: 0.0,
+                measured_m_s: 0.0,
+                excess: CumulativeSum::over(7.0, 15.0),
+            },
         }
     }
 
@@ -283,14 +288,14 @@ struct Rate {
     expected_rad_s: f64,
     /// Measured minus expected rate, smoothed, rad/s.
     difference_rad_s: f64,
-    excess: Excess,
+    excess: CumulativeSum,
 }
 
 /// Smoothing time of the difference, s: longer than the vehicle's own oscillations.
 const RATE_SMOOTHING_S: f64 = 0.6;
 
 impl Rate {
-    fn new(gain_rad_s: f64, lag_s: f64, excess: Excess) -> Self {
+    fn new(gain_rad_s: f64, lag_s: f64, excess: CumulativeSum) -> Self {
         Self { gain_rad_s, lag_s, expected_rad_s: 0.0, difference_rad_s: 0.0, excess }
     }
 
@@ -315,7 +320,7 @@ struct Climb {
     gain_m_s: f64,
     expected_m_s: f64,
     measured_m_s: f64,
-    excess: Excess,
+    excess: CumulativeSum,
 }
 
 /// Time constant of heave in the hover, s.
@@ -343,14 +348,14 @@ impl Climb {
 /// Sum over time of a value's excess over its normal level (the cumulative sum of Page, "Continuous Inspection
 /// Schemes", 1954).
 #[derive(Clone, Debug)]
-struct Excess {
+struct CumulativeSum {
     normal: f64,
     /// Limit of the sum, in the value's unit times seconds.
     limit: f64,
     sum: f64,
 }
 
-impl Excess {
+impl CumulativeSum {
     fn over(normal: f64, limit: f64) -> Self {
         Self { normal, limit, sum: 0.0 }
     }

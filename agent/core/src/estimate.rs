@@ -73,14 +73,16 @@ impl Estimate {
 /// The estimation stage: keeps the estimate of the last plausible measurement, with its time.
 #[derive(Clone, Debug)]
 pub struct Estimator {
-    origin: Origin,
+    /// Origin of the swarm's frame.
+    pub(crate) origin: Origin,
     rounds_to_f32: bool,
     difference: Option<Difference>,
     reckoning: DeadReckoning,
     latest: Option<(Estimate, LocalTime)>,
     /// Whether the last update used a measurement.
-    is_new: bool,
-    refused: u64,
+    pub(crate) is_new: bool,
+    /// Number of implausible measurements.
+    pub(crate) refused: u64,
 }
 
 /// Displacement by the measured velocity since the measured position last changed.
@@ -121,11 +123,6 @@ impl Estimator {
         }
     }
 
-    /// Origin of the swarm's frame.
-    pub fn origin(&self) -> &Origin {
-        &self.origin
-    }
-
     /// From now on the estimator ignores the measured position, which has been frozen since it last changed, and
     /// dead-reckons the vehicle from there by the measured velocity.
     pub fn dead_reckon(&mut self) {
@@ -144,19 +141,9 @@ impl Estimator {
         self.latest.map(|(estimate, _)| estimate)
     }
 
-    /// Whether the last update used a measurement.
-    pub fn is_new(&self) -> bool {
-        self.is_new
-    }
-
     /// Age of the estimate by the local clock, s; `None` before the first measurement.
     pub fn age_s(&self, now: LocalTime) -> Option<f64> {
         self.latest.map(|(_, at)| now.seconds_since(at))
-    }
-
-    /// Number of implausible measurements.
-    pub fn refused(&self) -> u64 {
-        self.refused
     }
 
     fn estimate(&mut self, at: PlantTime, measurement: &Measurement) -> Estimate {
@@ -230,13 +217,10 @@ fn is_plausible(measurement: &Measurement) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::sensing_without_errors as sensing;
 
     fn origin() -> Origin {
         Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0))
-    }
-
-    fn sensing(position: PositionSensing, velocity: VelocitySensing) -> Sensing {
-        Sensing::without_errors(position, velocity)
     }
 
     fn measured(north_m: f64, east_m: f64) -> Measurement {
@@ -262,9 +246,9 @@ mod tests {
         // 7 m west of the origin, the local north is turned by half a millionth of a radian.
         assert!((estimate.velocity - VelocityNed::new(1.0, 2.0, 3.0)).norm() < 2e-6);
         assert_eq!(estimator.age_s(LocalTime::from_seconds(1.5)), Some(0.5));
-        assert!(estimator.is_new());
+        assert!(estimator.is_new);
         estimator.update(at(1.0), None);
-        assert_eq!((estimator.is_new(), estimator.age_s(LocalTime::from_seconds(1.0))), (false, Some(0.0)));
+        assert_eq!((estimator.is_new, estimator.age_s(LocalTime::from_seconds(1.0))), (false, Some(0.0)));
     }
 
     #[test]
@@ -339,7 +323,7 @@ mod tests {
         let good = estimator.update(at(0.0), Some(&measured(0.0, 0.0)));
         // A jump of the position, as of a simulator that places the aircraft elsewhere, is a velocity of 50 km/s.
         assert_eq!(estimator.update(at(0.02), Some(&measured(1e6, 0.0))), good);
-        assert_eq!((estimator.refused(), estimator.is_new()), (1, false));
+        assert_eq!((estimator.refused, estimator.is_new), (1, false));
     }
 
     #[test]
@@ -357,7 +341,7 @@ mod tests {
             let mut broken = measured(0.0, 0.0);
             breakage(&mut broken);
             assert_eq!(estimator.update(at(2.0), Some(&broken)), good);
-            assert_eq!(estimator.refused(), count);
+            assert_eq!(estimator.refused, count);
         }
         assert_eq!(estimator.age_s(LocalTime::from_seconds(3.0)), Some(2.0));
     }

@@ -18,30 +18,22 @@ use skein_common::message::Failure;
 
 use crate::deadlines::Deadline;
 
-/// One row: under this condition the vehicle gives this response, unless a row above applies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Row {
-    /// The missing or broken item.
-    pub condition: Condition,
-    /// The vehicle's response.
-    pub response: Response,
-}
-
-/// Every condition once, by descending priority. Without any of them the vehicle flies on.
-pub const TABLE: [Row; 13] = [
-    row(Condition::SimulatorStopped, Response::LetGo),
-    row(Condition::SimulatorLost, Response::LetGo),
-    row(Condition::OwnDataStale, Response::Neutral),
-    row(Condition::FrameLate, Response::KeepControls),
-    row(Condition::EngineOut, Response::Autorotate),
-    row(Condition::CyclicStuck, Response::LandTurning),
-    row(Condition::ServoStuck, Response::Land),
-    row(Condition::AltitudeStuck, Response::Land),
-    row(Condition::GyroOff, Response::Land),
-    row(Condition::PositionFrozen, Response::Land),
-    row(Condition::NoProgress, Response::Land),
-    row(Condition::QuorumLost, Response::Hold),
-    row(Condition::AllPeersLost, Response::Hold),
+/// Every condition once, by descending priority, with the vehicle's response: it gives the response to the first condition that
+/// applies. Without any of them the vehicle flies on.
+pub const TABLE: [(Condition, Response); 13] = [
+    (Condition::SimulatorStopped, Response::LetGo),
+    (Condition::SimulatorLost, Response::LetGo),
+    (Condition::OwnDataStale, Response::Neutral),
+    (Condition::FrameLate, Response::KeepControls),
+    (Condition::EngineOut, Response::Autorotate),
+    (Condition::CyclicStuck, Response::LandTurning),
+    (Condition::ServoStuck, Response::Land),
+    (Condition::AltitudeStuck, Response::Land),
+    (Condition::GyroOff, Response::Land),
+    (Condition::PositionFrozen, Response::Land),
+    (Condition::NoProgress, Response::Land),
+    (Condition::QuorumLost, Response::Hold),
+    (Condition::AllPeersLost, Response::Hold),
 ];
 
 /// An item that is missing or broken.
@@ -97,10 +89,6 @@ pub enum Response {
     LetGo,
 }
 
-const fn row(condition: Condition, response: Response) -> Row {
-    Row { condition, response }
-}
-
 /// The set of conditions that apply at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Conditions(u16);
@@ -118,8 +106,8 @@ impl Conditions {
 
     /// The response of the first applicable row of the [`TABLE`].
     pub fn response(self) -> Response {
-        let first = TABLE.iter().find(|row| self.contains(row.condition));
-        first.map_or(Response::FlyOn, |row| row.response)
+        let first = TABLE.iter().find(|(condition, _)| self.contains(*condition));
+        first.map_or(Response::FlyOn, |(_, response)| *response)
     }
 }
 
@@ -183,18 +171,18 @@ mod tests {
 
     #[test]
     fn every_condition_has_one_row_and_outranks_the_rows_below() {
-        for (nth, row) in TABLE.iter().enumerate() {
-            let and_below: Conditions = TABLE[nth..].iter().map(|row| row.condition).collect();
-            assert_eq!(and_below.response(), row.response, "{:?}", row.condition);
-            let others = TABLE[nth + 1..].iter().filter(|other| other.condition == row.condition);
-            assert_eq!(others.count(), 0, "{:?} has two rows", row.condition);
+        for (nth, (condition, response)) in TABLE.iter().enumerate() {
+            let and_below: Conditions = TABLE[nth..].iter().map(|(condition, _)| *condition).collect();
+            assert_eq!(and_below.response(), *response, "{condition:?}");
+            let others = TABLE[nth + 1..].iter().filter(|(other, _)| other == condition);
+            assert_eq!(others.count(), 0, "{condition:?} has two rows");
         }
         assert_eq!(Conditions::default().response(), Response::FlyOn);
     }
 
     #[test]
     fn a_worse_failure_has_a_higher_priority() {
-        let place = |failure: Failure| TABLE.iter().position(|row| row.condition == failure.into()).unwrap();
+        let place = |failure: Failure| TABLE.iter().position(|(condition, _)| *condition == failure.into()).unwrap();
         assert!(Failure::ALL.windows(2).all(|two| two[0] < two[1] && place(two[0]) > place(two[1])));
     }
 }

@@ -55,7 +55,7 @@ pub enum Rung {
 }
 
 impl Rung {
-    /// What the rung does, for a person who watches.
+    /// Describes the rung to a person who watches.
     pub fn text(self) -> &'static str {
         match self {
             Self::Watch => "waiting for a steady rotor",
@@ -85,36 +85,35 @@ pub enum Axis {
 impl Axis {
     const ALL: [Self; 4] = [Self::Roll, Self::Pitch, Self::Yaw, Self::Collective];
 
-    /// Adds to this control.
-    fn move_by(self, controls: &mut Controls, by: f64) {
-        let control = match self {
-            Self::Roll => &mut controls.roll,
-            Self::Pitch => &mut controls.pitch,
-            Self::Yaw => &mut controls.yaw,
-            Self::Collective => &mut controls.collective,
-        };
-        let low = if self == Self::Collective { 0.0 } else { -1.0 };
-        *control = (*control + by).clamp(low, 1.0);
+    /// This control's of four values, one for each control.
+    fn of<T>(self, [roll, pitch, yaw, collective]: [T; 4]) -> T {
+        match self {
+            Self::Roll => roll,
+            Self::Pitch => pitch,
+            Self::Yaw => yaw,
+            Self::Collective => collective,
+        }
+    }
+
+    fn control(self, controls: &mut Controls) -> &mut f64 {
+        self.of([&mut controls.roll, &mut controls.pitch, &mut controls.yaw, &mut controls.collective])
     }
 
     fn gain(self, gains: &mut Gains) -> &mut f64 {
-        match self {
-            Self::Roll => &mut gains.roll,
-            Self::Pitch => &mut gains.pitch,
-            Self::Yaw => &mut gains.yaw,
-            Self::Collective => &mut gains.collective,
-        }
+        self.of([&mut gains.roll, &mut gains.pitch, &mut gains.yaw, &mut gains.collective])
+    }
+
+    /// Adds to this control.
+    fn move_by(self, controls: &mut Controls, by: f64) {
+        let control = self.control(controls);
+        let low = if self == Self::Collective { 0.0 } else { -1.0 };
+        *control = (*control + by).clamp(low, 1.0);
     }
 }
 
 impl core::fmt::Display for Axis {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::Roll => "roll",
-            Self::Pitch => "pitch",
-            Self::Yaw => "yaw",
-            Self::Collective => "collective",
-        })
+        f.write_str(self.of(["roll", "pitch", "yaw", "collective"]))
     }
 }
 
@@ -198,8 +197,8 @@ pub struct Responses {
     pub climb_m_s: f64,
 }
 
-/// What a fit has found.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The results of a fit, as far as its rungs have come.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Fitted {
     /// Controls and attitude of the hover.
     pub trim: Trim,
@@ -213,6 +212,10 @@ pub struct Fitted {
     pub overshoot: f64,
     /// Longer time of the two until the vehicle stayed within 0.5 m of its goal, s.
     pub settled_s: f64,
+    /// Height of the centre of gravity while standing, m.
+    pub standing_m: f64,
+    /// Heading to be held in the air, clockwise from north, rad.
+    pub heading_rad: f64,
 }
 
 /// The result of one step.
@@ -233,24 +236,10 @@ pub struct Fit {
     origin: Option<Origin>,
     /// Last measurement's time, and controls.
     last: Option<(PlantTime, Controls)>,
-    found: Found,
+    found: Fitted,
     stage: Stage,
     /// The reason why the vehicle lands early.
     failure: Option<FitError>,
-}
-
-/// What the rungs have found so far.
-#[derive(Clone, Copy, Debug)]
-struct Found {
-    trim: Trim,
-    gains: Gains,
-    rotor_speed_rad_s: Option<f64>,
-    /// Height of the centre of gravity while standing, m.
-    standing_m: f64,
-    heading_rad: f64,
-    responses: Responses,
-    overshoot: f64,
-    settled_s: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -266,7 +255,7 @@ enum Stage {
     Standing,
 }
 
-/// What a stage gives back.
+/// The result of one step of a stage.
 enum Verdict {
     /// It continues with these controls.
     Goes(Controls),
@@ -299,7 +288,7 @@ struct Watching {
 }
 
 impl Watching {
-    fn step(&mut self, at: PlantTime, estimate: &Estimate, found: &mut Found) -> Verdict {
+    fn step(&mut self, at: PlantTime, estimate: &Estimate, found: &mut Fitted) -> Verdict {
         let began = *self.began.get_or_insert(at);
         let tilt_rad = estimate.attitude.roll_rad.abs().max(estimate.attitude.pitch_rad.abs());
         let speed_rad_s = estimate.rotor_speed_rad_s;
@@ -336,22 +325,11 @@ impl Watching {
 impl Fit {
     /// A ladder for a vehicle on the ground, flown by these rules.
     pub fn new(rules: Rules) -> Self {
-        let trim =
-            Trim { roll_stick: 0.0, pitch_stick: 0.0, yaw_stick: 0.0, collective: 0.0, roll_rad: 0.0, pitch_rad: 0.0 };
         Self {
             rules,
             origin: None,
             last: None,
-            found: Found {
-                trim,
-                gains: Gains::default(),
-                rotor_speed_rad_s: None,
-                standing_m: 0.0,
-                heading_rad: 0.0,
-                responses: Responses::default(),
-                overshoot: 0.0,
-                settled_s: 0.0,
-            },
+            found: Fitted::default(),
             stage: Stage::Watching(Watching::default()),
             failure: None,
         }
@@ -423,7 +401,7 @@ impl Fit {
     /// Begins the next stage.
     fn advance(&mut self, estimate: &Estimate) {
         let place_ne_m = estimate.position.horizontal();
-        let flying = |found: &Found, rules: &Rules| Flying::new(rules.clone(), found, estimate);
+        let flying = |found: &Fitted, rules: &Rules| Flying::new(rules.clone(), found, estimate);
         self.stage = match &self.stage {
             Stage::Watching(_) => Stage::Answering(Answering::default()),
             Stage::Answering(answering) => {
@@ -451,8 +429,7 @@ impl Fit {
     }
 
     fn end(&self) -> Result<Fitted, FitError> {
-        let Found { trim, gains, rotor_speed_rad_s, responses, overshoot, settled_s, .. } = self.found;
-        self.failure.clone().map_or(Ok(Fitted { trim, gains, rotor_speed_rad_s, responses, overshoot, settled_s }), Err)
+        self.failure.clone().map_or(Ok(self.found), Err)
     }
 
     /// The estimate in a frame whose origin is the first position; `None` if a number is not finite.
@@ -480,7 +457,7 @@ const TIPS_FROM_RAD: f64 = 0.2;
 
 impl Stage {
     /// Whether the vehicle is beyond the limits of this stage.
-    fn danger(&self, estimate: &Estimate, found: &Found) -> Option<&'static str> {
+    fn danger(&self, estimate: &Estimate, found: &Fitted) -> Option<&'static str> {
         let tilt_rad = estimate.attitude.roll_rad.abs().max(estimate.attitude.pitch_rad.abs());
         match self {
             Self::Watching(_) | Self::Landing(_) | Self::Standing => None,

@@ -27,6 +27,7 @@ pub mod vertical;
 
 mod displacement_consensus;
 mod olfati_saber;
+mod output;
 mod vasarhelyi;
 mod virtual_structure;
 
@@ -39,8 +40,8 @@ use core::ops::RangeInclusive;
 use nalgebra::{Vector2, Vector3};
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{EventKind, LawNumber};
-use skein_common::scenario::{self, Scenario};
+use skein_common::message::EventKind;
+use skein_common::scenario::{self, Scenario, Vertical};
 use skein_common::state::PeerStatus;
 use skein_common::time::PlantTime;
 
@@ -56,6 +57,7 @@ use law::{Goal, Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle};
 use safety::{Constraint, SafetyFilter};
 use vertical::Heights;
 
+pub use output::FormationOutput;
 pub use ring::of as ring;
 
 /// Largest commanded speed relative to the centre, m/s: the speed for a displacement of 15 m or more.
@@ -119,40 +121,6 @@ pub fn check_area_of_team(written: &Scenario, tuned: &Scenario) -> Result<(), Un
     Ok(())
 }
 
-/// Share of the commanded velocity with which a vehicle flies as its law commands.
-const FOLLOWS: f64 = 0.25;
-/// Commanded velocity below which a law wants the vehicle where it is, m/s.
-const STILL_M_S: f64 = 0.5;
-
-/// The output of the formation stage for one step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FormationOutput {
-    /// The field V, north and east, dimensionless; zero if no law was queried or the law gives no field.
-    pub field_ne: Vector2<f64>,
-    /// The velocity that the law commands, before the safety filter and relative to the feed-forward, north and east, m/s.
-    pub command_ne_m_s: Vector2<f64>,
-    /// The setpoint for the vehicle controller.
-    pub setpoint: Setpoint,
-    /// Whether the vehicle is in the position the law commands, at its altitude and slow. It "reaches" a step after a
-    /// dwell.
-    pub in_place: bool,
-}
-
-impl FormationOutput {
-    /// Altitude setpoint minus the vehicle's altitude, m.
-    pub fn altitude_error_m(&self, estimate: &Estimate) -> f64 {
-        self.setpoint.altitude_m - estimate.position.altitude_m()
-    }
-
-    /// Whether a vehicle with this velocity over the ground, north and east, m/s, flies as its law commands: at a quarter of the
-    /// commanded velocity or faster, or the law commands next to none.
-    pub fn is_followed(&self, velocity_ne_m_s: Vector2<f64>) -> bool {
-        let command = self.command_ne_m_s;
-        let along = (velocity_ne_m_s - self.setpoint.feedforward_ne_m_s).dot(&command);
-        command.norm() < STILL_M_S || along >= FOLLOWS * command.norm_squared()
-    }
-}
-
 /// The formation stage of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Formation {
@@ -162,7 +130,7 @@ pub struct Formation {
     /// Index into `shapes` for each step of the mission.
     steps: Vec<usize>,
     /// The external law, if a step uses one.
-    external: Option<External>,
+    pub(crate) external: Option<External>,
     filter: Option<SafetyFilter>,
     /// `None` if nothing limits it.
     airspace: Option<Airspace>,
@@ -200,16 +168,11 @@ struct Shape {
     filter: Option<SafetyFilter>,
     altitude_m: f64,
     vertical: Vertical,
+    band_step_m: f64,
     feedforward: bool,
     heading_rad: f64,
     radius_m: f64,
     gamma: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Vertical {
-    Bands { step_m: f64 },
-    Ellipsoid,
 }
 
 impl Shape {
@@ -220,10 +183,6 @@ impl Shape {
                 Some(SafetyFilter { distance_m: settings.safety_distance_m, rate_per_s: settings.safety_rate_per_s })
             }
         };
-        let vertical = match settings.vertical {
-            scenario::Vertical::Bands => Vertical::Bands { step_m: settings.band_step_m },
-            scenario::Vertical::Ellipsoid => Vertical::Ellipsoid,
-        };
         Self {
             law,
             is_external: settings.law == scenario::Law::External,
@@ -231,7 +190,8 @@ impl Shape {
             conversion: conversion(settings),
             filter,
             altitude_m: settings.altitude_m,
-            vertical,
+            vertical: settings.vertical,
+            band_step_m: settings.band_step_m,
             feedforward: settings.feedforward,
             heading_rad: settings.heading_rad(),
             radius_m: settings.radius_m,
@@ -307,21 +267,6 @@ impl Formation {
     /// Takes the query to an external law after a step, and adds the stage's events to `happened`.
     pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<Box<LawQuery>> {
         self.external.as_mut().and_then(|external| external.take_query(happened)).map(Box::new)
-    }
-
-    /// Number of queries without a reply from an external law; `None` without such a law.
-    pub fn law_misses(&self) -> Option<u64> {
-        self.external.as_ref().map(External::misses)
-    }
-
-    /// Whether the fallback flies in the place of an external law; `None` where the vehicle flies by no external law.
-    pub fn fallback_flies(&self) -> Option<bool> {
-        self.external.as_ref().and_then(External::fallback_flies)
-    }
-
-    /// The numbers an external law wants recorded.
-    pub fn law_log(&self) -> &[LawNumber] {
-        self.external.as_ref().map_or(&[], External::log)
     }
 
     /// Distance beyond which no peer affects the output for this task among `live` members, m.
@@ -472,7 +417,7 @@ impl Formation {
         };
         let altitude_m = match (climb_m_s, shape.vertical) {
             (Some(climb_m_s), _) => self.heights.climbing(dt_s, level_m, climb_m_s, estimate),
-            (None, Vertical::Bands { step_m }) => self.heights.in_band(dt_s, level_m, step_m, rank, live),
+            (None, Vertical::Bands) => self.heights.in_band(dt_s, level_m, shape.band_step_m, rank, live),
             (None, Vertical::Ellipsoid) => self.heights.on_surface(dt_s, level_m, -field.z, estimate),
         };
         self.filter = shape.filter;
@@ -605,7 +550,5 @@ fn conversion(settings: &scenario::Formation) -> Conversion {
     }
 }
 
-#[cfg(test)]
-mod point_mass;
 #[cfg(test)]
 mod tests;

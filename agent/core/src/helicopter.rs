@@ -54,7 +54,7 @@ pub use vehicle::{BuiltInVehicle, Start};
 pub use wind::{LocalWind, Weather};
 
 use crate::plant::Controls;
-use dynamics::{Command, Dynamics, STATES, State};
+use dynamics::{Dynamics, STATES, ServoCommand, State};
 use integration::Stages;
 use vector::{Rotation, Vector};
 
@@ -94,8 +94,8 @@ impl HeldControls {
         }
     }
 
-    fn command(&self, controls: &Controls) -> Command {
-        Command {
+    fn command(&self, controls: &Controls) -> ServoCommand {
+        ServoCommand {
             lateral_rad: self.lateral_throw_rad * controls.roll.clamp(-1.0, 1.0),
             longitudinal_rad: self.longitudinal_throw_rad * controls.pitch.clamp(-1.0, 1.0),
             collective_rad: self.min_collective_rad + self.collective_range_rad * controls.collective.clamp(0.0, 1.0),

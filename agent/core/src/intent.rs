@@ -58,7 +58,7 @@ impl Area {
     }
 }
 
-/// What a team occupies and wants.
+/// The area that a team occupies, and the one that it wants.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Intent {
     /// The area of the step that it flies.

@@ -313,7 +313,7 @@ impl Mask for LaneMask {
     }
 }
 
-/// What holds numbers of eight helicopters, of which one lane at a time is set from one helicopter's.
+/// A holder of the numbers of eight helicopters, of which one lane at a time is set from one helicopter's.
 pub(crate) trait SetLane<One> {
     /// Sets one lane.
     fn set_lane(&mut self, lane: usize, one: &One);

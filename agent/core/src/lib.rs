@@ -58,5 +58,5 @@ pub mod start;
 pub mod station;
 pub mod strangers;
 #[cfg(test)]
-mod testing;
+mod tests;
 pub mod tuning;

@@ -41,7 +41,7 @@ use crate::failsafe::{Condition, Conditions, Response};
 use crate::peers::{PeerProgress, Report};
 use crate::setpoint::CollectiveLimit;
 use agreement::{Agreement, AgreementState, OtherStates, Progress};
-use approach::{Approach, Remaining};
+use approach::Approach;
 use landing::Landing;
 use plan::{Kind, Leg};
 use progress::LegProgress;
@@ -94,18 +94,20 @@ pub struct View {
 pub struct Mission {
     own: VehicleId,
     legs: Vec<Leg>,
-    plan: u64,
+    /// Hash of the plan.
+    pub(crate) plan: u64,
     /// Rotor speed required for take-off, rad/s.
     take_off_rotor_rad_s: Option<f64>,
     /// Height by which a healthy vehicle may hover above its altitude setpoint, m.
     above_altitude_m: f64,
     /// Peers that fly another plan and have been reported.
-    strangers: VehicleSet,
+    other_plans: VehicleSet,
     /// Time at which this agent began to listen.
     since: Option<LocalTime>,
     /// Whether it has listened long enough once.
     has_listened: bool,
-    activity: Activity,
+    /// The vehicle's present activity.
+    pub(crate) activity: Activity,
     agreement: Agreement,
     /// The inputs of the agreement when it last followed the others, and when it last could not advance: with the same
     /// inputs it decides the same.
@@ -116,9 +118,10 @@ pub struct Mission {
     /// Number of active members in contact, this vehicle included.
     live: usize,
     has_quorum: bool,
-    orders: StandingOrders,
+    /// All orders known.
+    pub(crate) orders: StandingOrders,
     /// The last order that was new to this vehicle, whichever vehicle it is to.
-    newest_order: Option<Order>,
+    pub(crate) newest_order: Option<Order>,
     /// The order that named this vehicle last when a pilot took the controls by the stick, if one has and no later order
     /// has taken them back.
     taken_by_stick: Option<Option<Order>>,
@@ -133,19 +136,19 @@ pub struct Mission {
     /// Since when a vehicle in the air could have joined, were it ready to fly.
     kept_out_since: Option<PlantTime>,
     /// Whether the vehicle has once come no nearer to a step, or to joining in the air, for too long: it lands for good.
-    gave_up: bool,
+    pub(crate) gave_up: bool,
     /// Whether this vehicle has once completed its step, except that the next one may be taken.
-    is_complete: bool,
+    pub(crate) is_complete: bool,
     /// The step has just begun, and other vehicles may be farther along it.
     is_late: bool,
     /// Position of the stay; `None` while the vehicle does not stay.
-    stay: Option<Place>,
+    stay: Option<StayPlace>,
     landing: Option<Landing>,
     /// Whether the landing waits because another partition may be below.
     landing_waits: bool,
 }
 
-/// What the agreement's decisions depend on.
+/// The values on which the agreement's decisions depend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct AgreementInputs {
     revision: u64,
@@ -154,7 +157,7 @@ struct AgreementInputs {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct StayPlace {
     at_ne_m: Vector2<f64>,
     altitude_m: f64,
 }
@@ -172,7 +175,7 @@ impl Mission {
             plan: scenario.plan_hash(),
             take_off_rotor_rad_s,
             above_altitude_m: if scenario.control.auto_trim { 0.0 } else { ABOVE_ALTITUDE_UNTRIMMED_M },
-            strangers: VehicleSet::default(),
+            other_plans: VehicleSet::default(),
             since: None,
             has_listened: false,
             activity: Activity::Joining,
@@ -242,8 +245,8 @@ impl Mission {
         let &Report { id, plan, order } = report;
         if plan == self.plan {
             order.into_iter().for_each(|order| self.merge(order, happened));
-        } else if !self.strangers.contains(id) {
-            self.strangers.insert(id);
+        } else if !self.other_plans.contains(id) {
+            self.other_plans.insert(id);
             happened.push(EventKind::PlanDiffers(id));
         }
     }
@@ -297,9 +300,9 @@ impl Mission {
         self.decide(now, estimate, view, heartbeats, happened)
     }
 
-    /// Hash of the plan.
-    pub fn plan(&self) -> u64 {
-        self.plan
+    /// The agreement state of this vehicle, as sent to the peers.
+    pub fn agreement_state(&self) -> AgreementState {
+        self.agreement.own()
     }
 
     /// The vehicle's membership: whether the other vehicles wait for it.
@@ -312,11 +315,6 @@ impl Mission {
         self.agreement.own().step
     }
 
-    /// The latest step that this vehicle vouches for.
-    pub fn vouched(&self) -> u32 {
-        self.agreement.own().vouched
-    }
-
     /// The highest step this agent has reached.
     pub fn reached(&self) -> Option<u32> {
         self.agreement.own().reached
@@ -324,17 +322,12 @@ impl Mission {
 
     /// Progress of the centre along this step's path according to this vehicle, m.
     pub fn progress_m(&self) -> f64 {
-        self.progress.along_m()
+        self.progress.along_m
     }
 
     /// Position and velocity of the centre according to this vehicle, north and east, m and m/s.
     pub fn centre(&self) -> (Vector2<f64>, Vector2<f64>) {
         self.leg().map(|leg| self.progress.centre(leg)).unwrap_or_default()
-    }
-
-    /// Whether this vehicle has once completed its step, except that the area of the next one may be taken.
-    pub fn has_completed(&self) -> bool {
-        self.is_complete
     }
 
     /// Whether the mission has reached its landing step.
@@ -345,26 +338,6 @@ impl Mission {
     /// Whether the vehicle has been off its altitude and coming no nearer for too long, with no collective left.
     pub fn is_stuck(&self) -> bool {
         Deadline::AltitudeStuck.is_past(self.stuck_s)
-    }
-
-    /// Whether the vehicle lands because it has come no nearer to a step for too long.
-    pub fn has_given_up(&self) -> bool {
-        self.gave_up
-    }
-
-    /// What the vehicle is doing.
-    pub fn activity(&self) -> Activity {
-        self.activity
-    }
-
-    /// All orders known.
-    pub fn orders(&self) -> &StandingOrders {
-        &self.orders
-    }
-
-    /// The last order that was new to this vehicle, whichever vehicle it is to.
-    pub fn newest_order(&self) -> Option<Order> {
-        self.newest_order
     }
 
     fn inputs(&self, view: &View) -> AgreementInputs {
@@ -484,18 +457,6 @@ impl Mission {
         speeds.is_none_or(|(speed_rad_s, least_rad_s)| speed_rad_s >= least_rad_s)
     }
 
-    /// Watches whether a vehicle in the air that could join does so. Otherwise it would hold its position for ever.
-    fn watch_joining(&mut self, now: PlantTime, could_join: bool, happened: &mut Vec<EventKind>) {
-        let is_kept_out = could_join && self.membership() == Membership::Joining;
-        let since = self.kept_out_since.take().unwrap_or(now);
-        self.kept_out_since = is_kept_out.then_some(since);
-        let is_past = Deadline::NoProgress(self.progress_timeout_s).is_past(now.seconds_since(since));
-        if is_kept_out && is_past && !self.gave_up {
-            self.gave_up = true;
-            happened.push(EventKind::Failed(Failure::Place));
-        }
-    }
-
     /// Joining on the ground leaves the controls unchanged; joining in the air (after a restart) holds the position.
     fn join(&mut self, estimate: &Estimate) -> Task {
         if estimate.height_m > FLYING_ABOVE_M {
@@ -538,28 +499,6 @@ impl Mission {
         let (centre_ne_m, centre_velocity_ne_m_s) = self.centre();
         let step = self.at() as usize;
         Task::Formation(MissionGoal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad: self.heading_rad })
-    }
-
-    /// Watches whether the vehicle comes nearer to a step that it has to reach, so that the others can leave it.
-    fn watch_approach(&mut self, dt_s: f64, estimate: &Estimate, view: &View, happened: &mut Vec<EventKind>) {
-        let has_next = self.at() as usize + 1 < self.legs.len();
-        let place = self.leg().filter(|leg| has_next && leg.needs_place());
-        let (Some(leg), Some(error_m), Some(altitude_error_m)) = (place, view.error_m, view.altitude_error_m) else {
-            return;
-        };
-        if self.is_complete {
-            return;
-        }
-        let (path_m, dwell_s) = self.progress.remaining(leg);
-        let (centre_ne_m, _) = self.progress.centre(leg);
-        let to_centre_m = (estimate.position.horizontal() - centre_ne_m).norm();
-        let nearing_m_s = -estimate.velocity.down_m_s() * altitude_error_m.signum();
-        let altitude_error_m = altitude_error_m.abs();
-        let follows = view.follows_law && (altitude_error_m < AT_ALTITUDE_M || nearing_m_s >= STUCK_M_S);
-        let remaining = Remaining { to_centre_m, error_m, altitude_error_m, path_m, dwell_s };
-        self.approach.update(dt_s, remaining, follows);
-        self.gave_up = self.approach.has_stopped(self.progress_timeout_s);
-        happened.extend(self.gave_up.then_some(EventKind::Failed(Failure::Place)));
     }
 
     /// Begins the next step if this vehicle and all others have reached this one.

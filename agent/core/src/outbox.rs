@@ -13,13 +13,14 @@ use serde::{Deserialize, Serialize};
 use skein_common::frame::{Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::math;
-use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, Intent, Order, State};
+use skein_common::message::{self, Echo, EventKind, Header, Heartbeat, Intent, Order, State, Traffic};
 use skein_common::scenario::{Network, SendMode};
 use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::{Deadline, HEARTBEAT_PERIOD_S};
 use crate::estimate::Estimate;
 use crate::mission::Mission;
+use crate::mission::agreement::AgreementState;
 
 /// Number of frames that repeat a changed agreement state: with 30 % loss, one peer in 50,000 misses all nine messages.
 const CHANGE_REPEATS: u32 = 8;
@@ -37,7 +38,7 @@ pub struct Outbox {
     pub state: Option<Box<State>>,
     /// The heartbeat with the agreement state, if it is due.
     pub mission: Option<Box<Heartbeat>>,
-    /// What the own team occupies and wants, if it is a team of a fleet and the others need to know.
+    /// The areas that the own team occupies and wants, if it is a team of a fleet and the others need to know.
     pub intent: Option<Box<Intent>>,
     /// The events of this step, in the order of the stages that found them.
     pub happened: Vec<EventKind>,
@@ -57,15 +58,15 @@ pub struct SendSchedule {
     newest_order: Option<Order>,
     /// Number of frames that still have to repeat the last change of the agreement state.
     repeats: u32,
-    state_messages: u64,
-    state_bytes: u64,
-    heartbeats: u64,
-    heartbeat_bytes: u64,
+    /// The states sent since the agent's start.
+    pub(crate) states: Traffic,
+    /// The heartbeats sent since the agent's start.
+    pub(crate) heartbeats: Traffic,
     traces: u64,
     intents: u64,
 }
 
-/// What a heartbeat reports of the peers.
+/// The part of a heartbeat that is about the peers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PeersReport {
     /// The echo of one peer's heartbeat.
@@ -121,10 +122,8 @@ impl SendSchedule {
             mission: None,
             newest_order: None,
             repeats: 0,
-            state_messages: 0,
-            state_bytes: 0,
-            heartbeats: 0,
-            heartbeat_bytes: 0,
+            states: Traffic::default(),
+            heartbeats: Traffic::default(),
             traces: 0,
             intents: 0,
         }
@@ -146,21 +145,6 @@ impl SendSchedule {
         let goes_along = state.is_some() && self.is_heartbeat_due_soon(now);
         let mission = (is_heartbeat_due || goes_along).then(|| Box::new(self.mission(now, mission, peers)));
         Outbox { state, mission, intent: None, happened }
-    }
-
-    /// Number of states sent since the agent's start.
-    pub fn state_messages(&self) -> u64 {
-        self.state_messages
-    }
-
-    /// Payload of the states sent since the agent's start, bytes.
-    pub fn state_bytes(&self) -> u64 {
-        self.state_bytes
-    }
-
-    /// Number of heartbeats sent since the agent's start, and their payload, bytes.
-    pub fn heartbeats(&self) -> (u64, u64) {
-        (self.heartbeats, self.heartbeat_bytes)
     }
 
     /// The header of the next trace.
@@ -191,18 +175,18 @@ impl SendSchedule {
 
     fn state(&mut self, now: LocalTime, estimate: &Estimate) -> State {
         self.sent = Some(SentState { position: estimate.position, velocity: estimate.velocity, at: now });
-        self.state_messages += 1;
-        let message = State { header: self.header(now, self.state_messages), state: estimate.state(&self.origin) };
-        self.state_bytes += message::encoded_len(&message) as u64;
+        self.states.messages += 1;
+        let message = State { header: self.header(now, self.states.messages), state: estimate.state(&self.origin) };
+        self.states.bytes += message::encoded_len(&message) as u64;
         message
     }
 
     /// Whether a heartbeat is due. A change of the agreement state starts its repetitions.
     fn is_heartbeat_due(&mut self, now: LocalTime, mission: &Mission) -> bool {
         let Some((sent, at)) = &self.mission else { return true };
-        let before = (sent.membership, sent.step, sent.vouched, sent.reached, self.newest_order);
-        let new = (mission.membership(), mission.at(), mission.vouched(), mission.reached(), mission.newest_order());
-        if before != new {
+        let &Heartbeat { membership, step, vouched, reached, .. } = sent;
+        let before = AgreementState { membership, step, vouched, reached };
+        if (before, self.newest_order) != (mission.agreement_state(), mission.newest_order) {
             self.repeats = CHANGE_REPEATS + 1;
         }
         self.repeats > 0 || Deadline::HeartbeatDue.is_past(now.seconds_since(*at))
@@ -215,30 +199,31 @@ impl SendSchedule {
         peers: impl FnOnce(SenderStamp) -> PeersReport,
     ) -> Heartbeat {
         self.repeats = self.repeats.saturating_sub(1);
-        self.newest_order = mission.newest_order();
-        let turn = self.heartbeats as usize;
+        self.newest_order = mission.newest_order;
+        let turn = self.heartbeats.messages as usize;
         let order = if self.repeats > 0 {
             self.newest_order
         } else {
-            mission.orders().iter().nth(turn % mission.orders().len().max(1))
+            mission.orders.iter().nth(turn % mission.orders.len().max(1))
         };
-        self.heartbeats += 1;
-        let header = self.header(now, self.heartbeats);
+        self.heartbeats.messages += 1;
+        let header = self.header(now, self.heartbeats.messages);
         let PeersReport { echo, lost } = peers(header.stamp);
+        let AgreementState { membership, step, vouched, reached } = mission.agreement_state();
         let heartbeat = Heartbeat {
             header,
-            plan: mission.plan(),
-            membership: mission.membership(),
-            step: mission.at(),
-            vouched: mission.vouched(),
-            reached: mission.reached(),
+            plan: mission.plan,
+            membership,
+            step,
+            vouched,
+            reached,
             progress_m: mission.progress_m(),
             order,
-            orders: mission.orders().len().min(u16::MAX.into()) as u16,
+            orders: mission.orders.len().min(u16::MAX.into()) as u16,
             echo,
             lost,
         };
-        self.heartbeat_bytes += message::encoded_len(&heartbeat) as u64;
+        self.heartbeats.bytes += message::encoded_len(&heartbeat) as u64;
         self.mission = Some((heartbeat, now));
         heartbeat
     }

@@ -16,7 +16,7 @@ use crate::setpoint::Setpoint;
 pub struct SimulatedPilot {
     origin: Origin,
     controller: Controller,
-    /// What it keeps; `None` while the agent has the controls.
+    /// The setpoint that it keeps; `None` while the agent has the controls.
     keeps: Option<Setpoint>,
 }
 
@@ -30,7 +30,8 @@ impl SimulatedPilot {
         }
     }
 
-    /// What moves the vehicle in this frame: the agent's command, or the pilot's where the agent has released the vehicle.
+    /// Returns the command that moves the vehicle in this frame: the agent's, or the pilot's where the agent has released the
+    /// vehicle.
     pub fn fly(&mut self, command: Option<Command>, frame: impl FnOnce() -> Frame) -> Option<Command> {
         if command != Some(Command::Release) {
             self.keeps = None;

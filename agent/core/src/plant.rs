@@ -67,7 +67,7 @@ impl VelocityCommand {
     }
 }
 
-/// What an agent commands its plant.
+/// An agent's command to its plant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Command {
     /// Positions of a helicopter's controls.
@@ -140,7 +140,7 @@ pub struct Frame {
     pub truth: GroundTruth,
 }
 
-/// What a plant reports beside its frames, with a frame or without one.
+/// A plant's report beside its frames, with a frame or without one.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlantStatus {
     /// Why the simulator does not simulate the flight, if it does not. A plant that cannot stand still never says so.
@@ -160,12 +160,12 @@ impl PlantStatus {
     pub const NOTHING: Self = Self { standstill: None, faults: Vec::new(), controls: None, pilot_takes_over: false };
 }
 
-/// What a plant delivers when it wakes its agent.
+/// A plant's delivery when it wakes its agent.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Wake {
     /// The new frame; `None` if the deadline passed without one.
     pub frame: Option<Frame>,
-    /// What the plant reports beside its frames.
+    /// The plant's report beside its frames.
     pub status: PlantStatus,
 }
 
@@ -182,7 +182,7 @@ pub struct PeerPose {
     pub distance_m: f64,
 }
 
-/// What a plant has dropped since it was opened.
+/// Counts of the data that a plant has dropped since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlantDrops {
     /// Frames that were missed because the agent or the computer was too late for them.
@@ -208,7 +208,7 @@ pub trait Plant: Send {
     /// Nominal time between two frames, s.
     fn frame_period_s(&self) -> f64;
 
-    /// What has been dropped so far.
+    /// Counts of the data dropped so far.
     fn drops(&self) -> PlantDrops {
         PlantDrops::default()
     }

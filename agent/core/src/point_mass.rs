@@ -16,7 +16,7 @@
 //! The ground is flat, at the height of the swarm's origin. On the ground the point rests until a climb is commanded,
 //! and a point that sinks onto it stops there. Its height on the ground is zero.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use skein_common::frame::{Attitude, BodyRates, Convergence, Geodetic, Origin, PositionNed, VelocityNed, wrap_rad};
 use skein_common::math;
 use skein_common::scenario::PointMassLimits;
@@ -64,7 +64,7 @@ impl PointMass {
             limits: Limits {
                 speed_m_s: limits.max_speed_m_s,
                 climb_m_s: limits.max_climb_m_s,
-                turn_rad_s: limits.max_turn_rad_s(),
+                turn_rad_s: limits.max_turn_deg_s.to_radians(),
                 change_m_s: limits.max_acceleration_m_s2.map_or(f64::INFINITY, |limit_m_s2| limit_m_s2 * TICK_S),
                 velocity_share: share(limits.lag_s),
                 turn_share: share(limits.turn_lag_s),
@@ -113,8 +113,9 @@ impl PointMass {
             return;
         }
         let before = self.velocity;
-        let change_ne_m_s = (capped(velocity_ne_m_s, limits.speed_m_s) - before.horizontal()) * limits.velocity_share;
-        let change_ne_m_s = capped(change_ne_m_s, limits.change_m_s);
+        let change_ne_m_s =
+            (velocity_ne_m_s.cap_magnitude(limits.speed_m_s) - before.horizontal()) * limits.velocity_share;
+        let change_ne_m_s = change_ne_m_s.cap_magnitude(limits.change_m_s);
         let change_down_m_s = (-climb_m_s - before.down_m_s()) * limits.velocity_share;
         let change_down_m_s = change_down_m_s.clamp(-limits.change_m_s, limits.change_m_s);
         self.velocity.0 += Vector3::new(change_ne_m_s.x, change_ne_m_s.y, change_down_m_s);
@@ -146,12 +147,6 @@ impl PointMass {
     fn rest(&mut self) {
         (self.velocity, self.turn_rad_s) = (VelocityNed::default(), 0.0);
     }
-}
-
-/// The vector, shortened to this length if it is longer.
-fn capped(vector: Vector2<f64>, length: f64) -> Vector2<f64> {
-    let square = vector.norm_squared();
-    if square > length * length { vector * (length / square.sqrt()) } else { vector }
 }
 
 #[cfg(test)]

@@ -67,8 +67,8 @@ impl Sensors {
         };
         let position = [noise, bias].map(|of| [of.position_m, of.position_m, of.altitude_m]);
         let velocity = [noise, bias].map(|of| [of.velocity_m_s; 3]);
-        let attitude = [noise, bias].map(|of| [of.attitude_rad(), of.attitude_rad(), of.heading_rad()]);
-        let rates = [noise, bias].map(|of| [of.rate_rad_s(); 3]);
+        let attitude = [noise, bias].map(|of| [of.attitude_deg, of.attitude_deg, of.heading_deg].map(f64::to_radians));
+        let rates = [noise, bias].map(|of| [of.rate_deg_s.to_radians(); 3]);
         Some(Box::new(Self {
             origin: Origin::new(origin.geodetic()),
             position: errors(Purpose::PositionSensor, position[0], position[1], sensing.correlation_s),
@@ -193,7 +193,7 @@ fn normal(generator: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::new(draw(), draw(), draw())
 }
 
-/// Which measurements are lost.
+/// Decides which measurements are lost.
 #[derive(Clone, Debug)]
 struct Dropouts {
     generator: ChaCha8Rng,

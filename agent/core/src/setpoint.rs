@@ -1,4 +1,4 @@
-//! What passes between the formation stage and the control stage: the formation's setpoint, and the limit that control met with the
+//! The values that pass between the formation stage and the control stage: the formation's setpoint, and the limit that control met with the
 //! last one.
 
 use nalgebra::Vector2;

@@ -74,7 +74,7 @@ impl Clocks {
     }
 }
 
-/// What enters a station in one step beside what [`Station::receive`] has taken. What it refers to is not copied for each
+/// The inputs of a station in one step beside what [`Station::receive`] has taken. What they refer to is not copied for each
 /// vehicle.
 #[derive(Clone, Copy, Debug)]
 pub struct Entering<'a> {
@@ -82,7 +82,7 @@ pub struct Entering<'a> {
     pub right: LocalTime,
     /// Time for which the PC did not run this agent before this step, s, if it was late.
     pub did_not_run_s: Option<f64>,
-    /// What the plant reports beside its frames.
+    /// The plant's report beside its frames.
     pub status: &'a PlantStatus,
     /// Time of the newest frame.
     pub plant_time: PlantTime,
@@ -100,7 +100,7 @@ pub struct Entering<'a> {
 }
 
 impl<'a> Entering<'a> {
-    /// What enters when the plant with this status has the newest frame of this time: no messages, and neither a law's
+    /// The inputs when the plant with this status has the newest frame of this time: no messages, and neither a law's
     /// reply nor a reason to leave.
     pub fn of_plant(
         right: LocalTime,
@@ -135,7 +135,7 @@ pub struct StepInputs {
     pub strangers: Vec<StrangerState>,
     /// Intents of other teams that arrived since the last step.
     pub intents: Vec<ReceivedIntent>,
-    /// What the plant reports beside its frames.
+    /// The plant's report beside its frames.
     pub status: PlantStatus,
     /// Time of the newest frame.
     pub plant_time: PlantTime,
@@ -284,7 +284,7 @@ impl Station {
         trace
     }
 
-    /// What the vehicle believes after the last step, for displays; it lacks the figures known only in real time.
+    /// The beliefs of the vehicle after the last step, for displays. They lack the figures known only in real time.
     pub fn facts(&self, right: LocalTime) -> VehicleFacts {
         VehicleFacts { flown_s: self.clocks.flown_s(right), ..self.agent.facts() }
     }

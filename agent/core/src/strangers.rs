@@ -27,7 +27,7 @@ const FORGOTTEN_S: f64 = 10.0;
 
 /// Time between two searches for the strangers that may be within reach, s.
 const LOOK_UP_S: f64 = 0.5;
-/// What own vehicle and stranger may together fly nearer in that time, m: each flies less than 20 m/s.
+/// Distance by which own vehicle and stranger may come nearer in that time, m: each flies less than 20 m/s.
 const SKIN_M: f64 = 2.0 * 20.0 * LOOK_UP_S;
 
 /// A state of a stranger as received.

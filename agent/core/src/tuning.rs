@@ -29,7 +29,7 @@ pub struct Tuning {
     tuned: Option<Box<Tuned>>,
 }
 
-/// What has been set.
+/// The settings of an operator, and how far they have begun.
 #[derive(Clone, Debug, Default)]
 struct Tuned {
     /// The settings that have begun.

@@ -5,7 +5,8 @@ use nalgebra::Vector3;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use skein_core::formation::external::{OwnState, QueryGoal, ReplyCommand};
+use skein_core::formation::external::{OwnState, ReplyCommand};
+use skein_core::formation::law::Goal;
 use skein_host::clock::sleep_until;
 
 /// Time limit of a wait.
@@ -35,11 +36,11 @@ fn shell(answer: &str) -> LiveLaw {
 const GOOD: &str = r#"echo "{\"say\":\"answer\",\"vehicle\":2,\"tick\":$tick,\"velocity_ned_m_s\":[1,2,3]}""#;
 
 fn ask(tick: u64) -> LawQuery {
-    let own = OwnState { position_ned_m: [0.0; 3], velocity_ned_m_s: [0.0; 3], heading_rad: 0.0, age_s: 0.0 };
-    let goal = QueryGoal {
+    let own = OwnState { position: [0.0; 3].into(), velocity: [0.0; 3].into(), heading_rad: 0.0, age_s: 0.0 };
+    let goal = Goal {
         step: 0,
-        centre_ned_m: [0.0; 3],
-        centre_velocity_ned_m_s: [0.0; 3],
+        centre: [0.0; 3].into(),
+        centre_velocity: [0.0; 3].into(),
         heading_rad: 0.0,
         radius_m: 100.0,
         gamma: 1.0,

@@ -41,7 +41,7 @@ impl Refusals {
         Drops {
             undecodable: count(Reason::Undecodable),
             other_version: count(Reason::OtherVersion),
-            forged: [Reason::Forged, Reason::Stranger, Reason::OtherRun].into_iter().map(count).sum(),
+            forged: [Reason::Forged, Reason::UnknownVehicle, Reason::OtherRun].into_iter().map(count).sum(),
             old: count(Reason::Old),
             unsigned: count(Reason::Unsealed),
             other_plan: count(Reason::OtherPlan),
@@ -86,7 +86,7 @@ mod tests {
             (Reason::Forged, "vehicle/3/cell/0/-1/state"),
             (Reason::Unsealed, "order/17"),
             (Reason::Forged, "vehicle/3/cell/5/0/state"),
-            (Reason::Stranger, "vehicle/9/mission"),
+            (Reason::UnknownVehicle, "vehicle/9/mission"),
             (Reason::Unsealed, "order/18"),
         ] {
             refusals.count(reason, key);
@@ -94,7 +94,7 @@ mod tests {
         let latest: Vec<_> = refusals.latest().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
         let expected = [
             (Reason::Unsealed, "order", 2),
-            (Reason::Stranger, "vehicle/9/mission", 1),
+            (Reason::UnknownVehicle, "vehicle/9/mission", 1),
             (Reason::Forged, "vehicle/3/state", 2),
         ];
         assert_eq!(latest, expected.map(|(reason, key, count)| (reason, key.to_owned(), count)));

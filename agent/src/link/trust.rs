@@ -98,7 +98,7 @@ impl Verifier {
                 None
             }
             (Some(id), _) if stranger(id) => {
-                refused(Reason::Stranger);
+                refused(Reason::UnknownVehicle);
                 None
             }
             (Some(_), _) if run.is_some_and(|run| run != self.run) => {
@@ -132,7 +132,7 @@ impl Verifier {
     pub(super) fn accept_stranger(&self, team: TeamId, run: Option<u64>) -> Result<(), Reason> {
         match run {
             _ if Some(team) == self.branch.team() => Err(Reason::Forged),
-            _ if team.get() > self.teams => Err(Reason::Stranger),
+            _ if team.get() > self.teams => Err(Reason::UnknownVehicle),
             Some(run) if run != self.run => Err(Reason::OtherRun),
             _ => Ok(()),
         }

@@ -153,7 +153,7 @@ pub enum Reason {
     /// The message was sent in the name of another vehicle.
     Forged,
     /// The message was sent by a vehicle that is not in this swarm.
-    Stranger,
+    UnknownVehicle,
     /// The order has no valid signature of this run.
     Unsealed,
     /// The heartbeat is of a different plan.
@@ -172,7 +172,7 @@ impl std::fmt::Display for Reason {
             Self::Undecodable => "undecodable",
             Self::OtherVersion => "different version",
             Self::Forged => "forged",
-            Self::Stranger => "not in this swarm",
+            Self::UnknownVehicle => "not in this swarm",
             Self::Unsealed => "order without a valid signature",
             Self::OtherPlan => "different plan",
             Self::OtherRun => "different run",

@@ -1,4 +1,4 @@
-//! What an agent reports of its simulator.
+//! The state and the faults of a simulator, as its agent reports them.
 
 use arrayvec::ArrayString;
 use serde::{Deserialize, Serialize};
@@ -106,7 +106,7 @@ pub struct ShortText(#[cfg_attr(feature = "schema", schemars(with = "String"))] 
 impl ShortText {
     /// Largest length, bytes.
     pub const MAX_LENGTH: usize = 96;
-    /// What stands for the beginning of a text that is too long.
+    /// The mark that stands for the part of a text that was cut off.
     const CUT: &str = "...";
 
     /// Makes a text of another program safe to show: other characters become `?`, and of a longer text the end is kept,
@@ -126,7 +126,7 @@ impl ShortText {
         Self::safe(text.chars().take(Self::MAX_LENGTH - Self::CUT.len()).chain(Self::CUT.chars()))
     }
 
-    /// As many of these characters as fit, of one byte each.
+    /// Keeps as many of these characters as fit, of one byte each.
     fn safe(text: impl Iterator<Item = char>) -> Self {
         let mut short = ArrayString::new();
         text.map(|c| if Self::is_shown(c) { c } else { '?' }).for_each(|c| _ = short.try_push(c));

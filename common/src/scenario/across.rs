@@ -88,6 +88,11 @@ impl Check<'_> {
         self.texts.fault(&place, path, message)
     }
 
+    /// Refuses the scenario at one of these keys if `is_wrong`.
+    fn refuse_if(&self, is_wrong: bool, paths: &[&str], message: impl FnOnce() -> String) -> Result<(), ScenarioError> {
+        if is_wrong { Err(self.fault(paths, message())) } else { Ok(()) }
+    }
+
     fn formations(&self) -> Result<(), ScenarioError> {
         self.formation(&self.scenario.formation, None)?;
         for (index, step) in self.scenario.mission.steps.iter().enumerate() {
@@ -102,13 +107,16 @@ impl Check<'_> {
 
     /// Checks that the swarm has this vehicle.
     fn flies(&self, id: VehicleId, path: &str) -> Result<(), ScenarioError> {
-        if usize::from(id.get()) <= self.count() {
-            return Ok(());
-        }
-        Err(self.fault(
-            &[path],
-            format!("`{path}`: vehicle {id} is not in the swarm, which has vehicles 1 to {}", self.count()),
-        ))
+        self.refuse_if(usize::from(id.get()) > self.count(), &[path], || self.not_in_swarm(id, path))
+    }
+
+    /// Checks that the swarm has the vehicles of the list at this path.
+    fn all_fly(&self, ids: &[VehicleId], path: &str) -> Result<(), ScenarioError> {
+        ids.iter().enumerate().try_for_each(|(place, id)| self.flies(*id, &format!("{path}[{place}]")))
+    }
+
+    fn not_in_swarm(&self, id: VehicleId, path: &str) -> String {
+        format!("`{path}`: vehicle {id} is not in the swarm, which has vehicles 1 to {}", self.count())
     }
 
     fn vehicles(&self) -> Result<(), ScenarioError> {
@@ -117,11 +125,7 @@ impl Check<'_> {
             let path = format!("vehicle.{name}");
             match name.parse::<VehicleId>() {
                 Ok(id) if usize::from(id.get()) <= self.count() => {}
-                Ok(id) => {
-                    let message =
-                        format!("`{path}`: vehicle {id} is not in the swarm, which has vehicles 1 to {}", self.count());
-                    return Err(self.texts.fault(place, &path, message));
-                }
+                Ok(id) => return Err(self.texts.fault(place, &path, self.not_in_swarm(id, &path))),
                 Err(error) => return Err(self.texts.fault(place, &path, format!("`{path}`: {error}"))),
             }
         }
@@ -135,31 +139,26 @@ impl Check<'_> {
             return Ok(());
         }
         let unfiltered = mission.steps.iter().any(|step| step.formation.safety_filter == SafetyFilter::None);
-        if unfiltered {
-            let message = "`airspace` has no effect under `formation.safety_filter` = \"none\": the safety filter keeps it; \
-                           set it to \"cbf\"";
-            return Err(self.fault(&["formation.safety_filter", "airspace"], message.to_owned()));
-        }
-        if let (Some(floor_m), Some(ceiling_m)) = (airspace.floor_m, airspace.ceiling_m)
-            && floor_m >= ceiling_m
-        {
-            let message =
-                format!("`airspace.floor_m` is {floor_m}, not below `airspace.ceiling_m`, which is {ceiling_m}");
-            return Err(self.fault(&["airspace.floor_m", "airspace.ceiling_m"], message));
+        self.refuse_if(unfiltered, &["formation.safety_filter", "airspace"], || {
+            "`airspace` has no effect under `formation.safety_filter` = \"none\": the safety filter keeps it; set it to \"cbf\""
+                .to_owned()
+        })?;
+        if let (Some(floor_m), Some(ceiling_m)) = (airspace.floor_m, airspace.ceiling_m) {
+            self.refuse_if(floor_m >= ceiling_m, &["airspace.floor_m", "airspace.ceiling_m"], || {
+                format!("`airspace.floor_m` is {floor_m}, not below `airspace.ceiling_m`, which is {ceiling_m}")
+            })?;
         }
         for (index, obstacle) in airspace.obstacles.iter().enumerate() {
-            if obstacle.size_ne_m.is_some_and(|size_ne_m| size_ne_m.iter().any(|length_m| *length_m <= 0.0)) {
-                let path = format!("airspace.obstacles[{index}].size_ne_m");
-                return Err(self.fault(&[&path], format!("`{path}` has a length that is not above 0")));
-            }
+            let path = format!("airspace.obstacles[{index}].size_ne_m");
+            let is_flat = obstacle.size_ne_m.is_some_and(|size_ne_m| size_ne_m.iter().any(|length_m| *length_m <= 0.0));
+            self.refuse_if(is_flat, &[&path], || format!("`{path}` has a length that is not above 0"))?;
         }
         let corners = &airspace.fence_ne_m;
-        if !corners.is_empty() && !is_convex(corners) {
-            let message = "`airspace.fence_ne_m` is not a convex polygon of three corners or more, one after the other around \
-                           it: leave out the corners that point inwards, or make them obstacles";
-            return Err(self.fault(&["airspace.fence_ne_m"], message.to_owned()));
-        }
-        Ok(())
+        self.refuse_if(!corners.is_empty() && !is_convex(corners), &["airspace.fence_ne_m"], || {
+            "`airspace.fence_ne_m` is not a convex polygon of three corners or more, one after the other around it: leave out the \
+             corners that point inwards, or make them obstacles"
+                .to_owned()
+        })
     }
 
     /// Checks that nothing is asked of a point mass that only a helicopter has.
@@ -169,18 +168,14 @@ impl Check<'_> {
             return Ok(());
         }
         let point_mass = "`plant.model` = \"point_mass\"";
-        if swarm.plant.spec().command_for(plant.model).is_none() {
-            let message =
-                format!("{point_mass} needs `swarm.plant` = \"builtin\": X-Plane and its stand-in fly helicopters");
-            return Err(self.fault(&["swarm.plant", "plant.model"], message));
-        }
+        let is_unknown = swarm.plant.spec().command_for(plant.model).is_none();
+        self.refuse_if(is_unknown, &["swarm.plant", "plant.model"], || {
+            format!("{point_mass} needs `swarm.plant` = \"builtin\": X-Plane and its stand-in fly helicopters")
+        })?;
         for (path, strength_m_s) in [("world.wind_m_s", world.wind_m_s), ("world.gust_w20_m_s", world.gust_w20_m_s)] {
-            if strength_m_s > 0.0 {
-                let message = format!(
-                    "`{path}` has no effect under {point_mass}: a point mass holds its velocity over the ground"
-                );
-                return Err(self.fault(&[path, "plant.model"], message));
-            }
+            self.refuse_if(strength_m_s > 0.0, &[path, "plant.model"], || {
+                format!("`{path}` has no effect under {point_mass}: a point mass holds its velocity over the ground")
+            })?;
         }
         for (index, event) in mission.events.iter().enumerate() {
             let (fault, part) = match &event.what {
@@ -201,17 +196,12 @@ impl Check<'_> {
     fn shown_peers(&self) -> Result<(), ScenarioError> {
         let plant = &self.scenario.plant;
         let Some(path) = &plant.peer_acf else { return Ok(()) };
-        if path.len() > LONGEST_ACF || path.contains(char::is_control) {
-            let message =
-                format!("`plant.peer_acf` has to be at most {LONGEST_ACF} bytes long, without control characters");
-            return Err(self.fault(&["plant.peer_acf"], message));
-        }
-        if plant.show_peers == 0 {
-            let message =
-                "`plant.peer_acf` has no effect without `plant.show_peers`, the number of peers that are shown";
-            return Err(self.fault(&["plant.peer_acf"], message.to_owned()));
-        }
-        Ok(())
+        self.refuse_if(path.len() > LONGEST_ACF || path.contains(char::is_control), &["plant.peer_acf"], || {
+            format!("`plant.peer_acf` has to be at most {LONGEST_ACF} bytes long, without control characters")
+        })?;
+        self.refuse_if(plant.show_peers == 0, &["plant.peer_acf"], || {
+            "`plant.peer_acf` has no effect without `plant.show_peers`, the number of peers that are shown".to_owned()
+        })
     }
 
     fn starts(&self) -> Result<(), ScenarioError> {
@@ -250,15 +240,13 @@ impl Check<'_> {
             self.scenario.vehicle.iter().filter_map(|vehicle| Some((vehicle.id, vehicle.start_ne_m?))).collect();
         for (later, (id, [north, east])) in given.iter().enumerate() {
             for (other, [other_north, other_east]) in &given[..later] {
+                let (least_m, path) = (self.scenario.start.separation_m, format!("vehicle.{id}.start_ne_m"));
                 let apart_m = math::hypot(north - other_north, east - other_east);
-                if apart_m < self.scenario.start.separation_m {
-                    let path = format!("vehicle.{id}.start_ne_m");
-                    let least_m = self.scenario.start.separation_m;
-                    let message = format!(
+                self.refuse_if(apart_m < least_m, &[&path], || {
+                    format!(
                         "vehicles {other} and {id} start {apart_m} m apart, less than `start.separation_m`, {least_m}"
-                    );
-                    return Err(self.fault(&[&path], message));
-                }
+                    )
+                })?;
             }
         }
         Ok(())
@@ -266,23 +254,18 @@ impl Check<'_> {
 
     fn network(&self) -> Result<(), ScenarioError> {
         let network = &self.scenario.network;
-        if network.graph == Graph::Edges && network.edges.is_empty() {
-            return Err(self.fault(&["network.graph"], "`network.graph` = \"edges\" needs `network.edges`".to_owned()));
-        }
-        for (index, [from, to]) in network.edges.iter().enumerate() {
-            self.flies(*from, &format!("network.edges[{index}][0]"))?;
-            self.flies(*to, &format!("network.edges[{index}][1]"))?;
-            if from == to {
-                let path = format!("network.edges[{index}]");
-                return Err(self.fault(&[&path], format!("`{path}`: vehicle {from} cannot send to itself")));
-            }
+        self.refuse_if(network.graph == Graph::Edges && network.edges.is_empty(), &["network.graph"], || {
+            "`network.graph` = \"edges\" needs `network.edges`".to_owned()
+        })?;
+        for (index, ends) in network.edges.iter().enumerate() {
+            let path = format!("network.edges[{index}]");
+            self.all_fly(ends, &path)?;
+            let [from, to] = ends;
+            self.refuse_if(from == to, &[&path], || format!("`{path}`: vehicle {from} cannot send to itself"))?;
         }
         for (index, change) in network.links.iter().enumerate() {
-            for (name, ids) in [("from", &change.from), ("to", &change.to)] {
-                for (place, id) in ids.iter().enumerate() {
-                    self.flies(*id, &format!("network.links[{index}].{name}[{place}]"))?;
-                }
-            }
+            self.all_fly(&change.from, &format!("network.links[{index}].from"))?;
+            self.all_fly(&change.to, &format!("network.links[{index}].to"))?;
         }
         if let Some(fade_m) = network.fade_m
             && network.range_m.is_none_or(|range_m| fade_m > range_m)
@@ -295,16 +278,12 @@ impl Check<'_> {
             return Err(self.fault(&["network.fade_m", "network.range_m"], message));
         }
         let (stale_s, period_s) = (network.peer_stale_s, network.state_max_period_s);
-        if stale_s <= period_s {
-            return Err(self.fault(
-                &["network.peer_stale_s", "network.state_max_period_s"],
-                format!(
-                    "`network.peer_stale_s` is {stale_s}, but has to be above `network.state_max_period_s`, {period_s}: \
-                     otherwise every peer is stale"
-                ),
-            ));
-        }
-        Ok(())
+        self.refuse_if(stale_s <= period_s, &["network.peer_stale_s", "network.state_max_period_s"], || {
+            format!(
+                "`network.peer_stale_s` is {stale_s}, but has to be above `network.state_max_period_s`, {period_s}: \
+                 otherwise every peer is stale"
+            )
+        })
     }
 
     /// Checks one formation: the base, or that of a step.
@@ -436,27 +415,23 @@ impl Check<'_> {
                 "law \"external\" needs one of `command`, `listen`, `udp` in `[formation.external]`".to_owned(),
             ));
         }
-        if external.deadline_s > external.period_s {
-            let (deadline_s, period_s) = (external.deadline_s, external.period_s);
-            return Err(self.fault(
-                &["formation.external.deadline_s", "formation.external.period_s"],
-                format!("`formation.external.deadline_s` is {deadline_s}, but may not be above `period_s`, {period_s}"),
-            ));
-        }
-        Ok(())
+        let (deadline_s, period_s) = (external.deadline_s, external.period_s);
+        let keys = ["formation.external.deadline_s", "formation.external.period_s"];
+        self.refuse_if(deadline_s > period_s, &keys, || {
+            format!("`formation.external.deadline_s` is {deadline_s}, but may not be above `period_s`, {period_s}")
+        })
     }
 
     /// Checks the events against the control mode: with central control vehicles have no computers and send each other
     /// nothing; without it the swarm has no central controller to kill.
     fn central(&self) -> Result<(), ScenarioError> {
         let is_central = self.scenario.control.mode == ControlMode::Central;
-        if is_central && self.count() >= usize::from(VehicleId::MAX) {
-            let most = VehicleId::MAX - 1;
-            let message = format!(
+        let most = usize::from(VehicleId::MAX) - 1;
+        self.refuse_if(is_central && self.count() > most, &["control.mode", "swarm.vehicles"], || {
+            format!(
                 "`control.mode` = \"central\" is for {most} vehicles at most: the central controller needs an id too"
-            );
-            return Err(self.fault(&["control.mode", "swarm.vehicles"], message));
-        }
+            )
+        })?;
         for (index, event) in self.scenario.mission.events.iter().enumerate() {
             let (fault, why) = match &event.what {
                 EventAction::Fault(Fault::KillControl) if !is_central => {
@@ -504,11 +479,8 @@ impl Check<'_> {
             let path = |name: &str| format!("mission.events[{index}].{name}");
             match &event.what {
                 EventAction::Fault(Fault::Cut { from, to, .. } | Fault::Delay { from, to, .. }) => {
-                    for (name, ids) in [("from", from), ("to", to)] {
-                        for (place, id) in ids.iter().enumerate() {
-                            self.flies(*id, &format!("{}[{place}]", path(name)))?;
-                        }
-                    }
+                    self.all_fly(from, &path("from"))?;
+                    self.all_fly(to, &path("to"))?;
                 }
                 EventAction::Fault(
                     Fault::Kill { vehicle }
@@ -521,15 +493,12 @@ impl Check<'_> {
                 ) => self.flies(*vehicle, &path("vehicle"))?,
                 EventAction::Order(ScriptedOrder { verb, vehicles }) => {
                     let last = self.scenario.mission.steps.len() - 1;
-                    if let ScriptedVerb::Goto { step } = verb
-                        && *step > last
-                    {
+                    if let ScriptedVerb::Goto { step } = verb {
                         let path = path("step");
-                        return Err(self.fault(&[&path], format!("`{path}` is {step}, but the last step is {last}")));
+                        let message = || format!("`{path}` is {step}, but the last step is {last}");
+                        self.refuse_if(*step > last, &[&path], message)?;
                     }
-                    for (place, id) in vehicles.iter().flatten().enumerate() {
-                        self.flies(*id, &format!("{}[{place}]", path("vehicles")))?;
-                    }
+                    self.all_fly(vehicles.as_deref().unwrap_or_default(), &path("vehicles"))?;
                 }
                 EventAction::Fault(Fault::KillControl | Fault::Isolate { .. }) => {}
             }

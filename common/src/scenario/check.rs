@@ -3,7 +3,8 @@
 use toml::Value as Toml;
 
 use super::error::ScenarioError;
-use super::keys::{self, Key, Kind, Meaning};
+use super::key::{COORDINATES_M, Key, Kind, Range};
+use super::keys::{self, Meaning};
 use super::law;
 use super::tree::{Node, Texts, Value, shown};
 use crate::id::{SwarmName, TeamId, VehicleId};
@@ -85,7 +86,7 @@ impl Texts<'_> {
         }
     }
 
-    fn number(&self, node: &mut Node, path: &str, range: keys::Range, expected: &str) -> Result<(), ScenarioError> {
+    fn number(&self, node: &mut Node, path: &str, range: Range, expected: &str) -> Result<(), ScenarioError> {
         let number = match node.value {
             Value::Plain(Toml::Float(number)) => number,
             Value::Plain(Toml::Integer(number)) => number as f64,
@@ -209,7 +210,7 @@ impl Texts<'_> {
 
     fn point(&self, node: &mut Node, path: &str) -> Result<(), ScenarioError> {
         let expected = "a point, [north, east]";
-        self.pair(node, path, expected, |end| self.number(end, path, keys::COORDINATES_M, expected))
+        self.pair(node, path, expected, |end| self.number(end, path, COORDINATES_M, expected))
     }
 
     /// Checks a path. It must not repeat a point, because two equal points have no direction between them.

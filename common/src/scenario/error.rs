@@ -17,7 +17,7 @@ pub struct ScenarioError {
     pub column: Option<usize>,
     /// Path of the key.
     pub key: Option<Box<str>>,
-    /// What is wrong.
+    /// The fault.
     pub message: Box<str>,
     /// Suggestion how to correct the error.
     pub help: Option<Box<str>>,

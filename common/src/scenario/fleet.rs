@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::error::ScenarioError;
-use super::keys::{COORDINATES_M, Key, Kind, Literal, Range};
+use super::key::{COORDINATES_M, Key};
 use super::model::TeamInFleet;
 use super::tree::{Node, Part, Place, Table, Texts, Value, shown};
 use super::{FileKind, KEYS, Loaded, Source, finish};
@@ -13,20 +13,23 @@ use crate::id::TeamId;
 
 /// The keys of a fleet. All other keys of the file are those of a scenario and apply to every team.
 #[rustfmt::skip]
-pub const FLEET_KEYS: &[Key] = &[
-    Key::new("fleet.teams", Kind::Integer(1, TeamId::MAX as i64), Literal::Required,
-        "number of teams; each flies the scenario with as many vehicles as `swarm.vehicles` says"),
-    Key::new("fleet.pattern", Kind::OneOf(&["grid", "line", "list"]), Literal::Text("grid"),
-        "places of the teams: a square grid filled from the south-west, a line to the east, or `fleet.places_ne_m`"),
-    Key::new("fleet.spacing_m", Kind::Number(Range { min: 0.0, max: 1e5, min_included: false }), Literal::Number(500.0),
-        "distance of neighbouring places of a grid or a line; 500 m leave air between two rings of 100 m"),
-    Key::new("fleet.places_ne_m", Kind::Points, Literal::Nothing,
-        "place of each team, north and east of the origin, for `pattern = \"list\"`"),
-    Key::new("fleet.record_hz", Kind::Number(Range { min: 0.01, max: 10.0, min_included: true }), Literal::Number(1.0),
-        "rate at which the recording of a fleet has the places of all vehicles; 1 Hz keeps ten minutes of ten thousand vehicles below 200 MB"),
-];
+pub const FLEET_KEYS: &[Key] = {
+    use super::key::declare::*;
+    &[
+        Key::new("fleet.teams", Integer(1, TeamId::MAX as i64), Required,
+            "number of teams; each flies the scenario with as many vehicles as `swarm.vehicles` says"),
+        Key::new("fleet.pattern", OneOf(&["grid", "line", "list"]), text("grid"),
+            "places of the teams: a square grid filled from the south-west, a line to the east, or `fleet.places_ne_m`"),
+        Key::new("fleet.spacing_m", above_zero(1e5), number(500.0),
+            "distance of neighbouring places of a grid or a line; 500 m leave air between two rings of 100 m"),
+        Key::new("fleet.places_ne_m", Points, Nothing,
+            "place of each team, north and east of the origin, for `pattern = \"list\"`"),
+        Key::new("fleet.record_hz", from(0.01, 10.0), number(1.0),
+            "rate at which the recording of a fleet has the places of all vehicles; 1 Hz keeps ten minutes of ten thousand vehicles below 200 MB"),
+    ]
+};
 
-/// What a file describes: the teams of a fleet by number, each with its place as origin; or one swarm, which is of no team.
+/// The content of a file: the teams of a fleet by number, each with its place as origin; or one swarm, which is of no team.
 #[derive(Clone, Debug)]
 pub struct Described(Vec<Loaded>);
 

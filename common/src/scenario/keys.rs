@@ -1,57 +1,76 @@
-//! Keys of configuration files and their look-up by path. `table` defines every key of a scenario once: kind, range,
-//! unit, defaults, meaning.
+//! The keys of a scenario file in order, and their look-up by path. `keys!` declares every key once, with the
+//! field that holds its value.
 //!
-//! The loader, the presets, `--set`, the error messages and the complete file all use that table; a test compares it
-//! with the fields of [`Scenario`](super::Scenario). The look-up functions take a table, because other files have their
-//! own.
+//! The loader, the presets, `--set`, the error messages and the complete file all use that list; a test compares it
+//! with the fields of [`Scenario`]. The look-up functions take a list, because other files have their own.
 
 mod nearest;
-mod table;
 
-use std::fmt;
-
-use crate::id::VehicleId;
-use crate::scenario::law;
+use super::key::{Implied, Key, Kind, Literal};
+use super::model::{
+    Airspace, Control, DisplacementConsensus, EVENT_KEYS, External, Formation, LinkChange, Mission, Network,
+    OlfatiSaber, OriginSettings, PointMassLimits, Record, SENSOR_ERROR_KEYS, STEP_KEYS, Scenario, Sensing, Slots,
+    Start, StaticObstacle, Swarm, Udp, Vasarhelyi, Vehicle, VehicleModel, World,
+};
 
 use Kind::{Edges, Free, Id, Ids, Integer, Path, Point, Points, Texts};
 
 pub use nearest::{NEVER_SUGGESTED, matching, most_similar, nearest_of};
 pub(super) use nearest::{nearest, siblings};
-pub use table::KEYS;
-pub(super) use table::{FAULT_KEYS, ORDER_KEYS, REMOVED};
 
-/// A key: its path, kind, defaults and meaning.
-#[derive(Clone, Copy, Debug)]
-pub struct Key {
-    /// Path of the key: `N` is an id, `"T/N"` a vehicle of a fleet, `[N]` an index of a list. A step takes the keys of
-    /// `formation` too.
-    pub path: &'static str,
-    /// Kind of the value.
-    pub kind: Kind,
-    /// Unit of the numbers, if the key's name does not end in it; see [`Key::unit`].
-    pub own_unit: Option<&'static str>,
-    /// Default of the key.
-    pub default: Literal,
-    /// Default under `preset = "paper"`, if it differs.
-    pub paper: Option<Literal>,
-    /// Default under `law = "flock"`, if it differs; it is the same in both presets.
-    pub flock: Option<Literal>,
-    /// Default that depends on another key.
-    pub implied: Option<Implied>,
-    /// Meaning of the key and reason for its default, for a reader without knowledge of the code.
-    pub about: &'static str,
-}
+/// The keys of all tables of a scenario file, in the order in which the complete file is written.
+const TABLES: &[&[Key]] = &[
+    Scenario::KEYS,
+    Swarm::KEYS,
+    VehicleModel::KEYS,
+    PointMassLimits::KEYS,
+    Start::KEYS,
+    OriginSettings::KEYS,
+    Formation::KEYS,
+    Slots::KEYS,
+    DisplacementConsensus::KEYS,
+    OlfatiSaber::KEYS,
+    Vasarhelyi::KEYS,
+    External::KEYS,
+    Udp::KEYS,
+    Mission::KEYS,
+    STEP_KEYS,
+    EVENT_KEYS,
+    Control::KEYS,
+    Sensing::KEYS,
+    SENSOR_ERROR_KEYS,
+    Airspace::KEYS,
+    StaticObstacle::KEYS,
+    World::KEYS,
+    Network::KEYS,
+    LinkChange::KEYS,
+    Record::KEYS,
+    Vehicle::KEYS,
+];
 
-/// A default that applies when another key has a certain text.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Implied {
-    /// The other key.
-    pub by: &'static str,
-    /// The text of the other key for which [`Self::value`] is the default.
-    pub is: &'static str,
-    /// The default in that case.
-    pub value: Literal,
-}
+/// Every key of a scenario file, the keys of one table together.
+pub const KEYS: &[Key] = &{
+    let mut keys = [TABLES[0][0]; COUNT];
+    let (mut count, mut table, mut nth) = (0, 0, 0);
+    while count < COUNT {
+        if nth < TABLES[table].len() {
+            keys[count] = TABLES[table][nth];
+            (count, nth) = (count + 1, nth + 1);
+        } else {
+            (table, nth) = (table + 1, 0);
+        }
+    }
+    keys
+};
+
+const COUNT: usize = {
+    let (mut count, mut table) = (0, 0);
+    while table < TABLES.len() {
+        count += TABLES[table].len();
+        table += 1;
+    }
+    count
+};
 
 /// A key of earlier versions. A file that still has it is refused with the reason.
 #[derive(Clone, Copy, Debug)]
@@ -62,232 +81,11 @@ pub(super) struct Removed {
     pub(super) reason: &'static str,
 }
 
-/// Kind of a key's value.
-#[derive(Clone, Copy, Debug)]
-pub enum Kind {
-    /// A finite number.
-    Number(Range),
-    /// A finite number or this text.
-    NumberOr(&'static str, Range),
-    /// A whole number, both ends included.
-    Integer(i64, i64),
-    /// true or false.
-    Bool,
-    /// true; the key cannot be set to false.
-    True,
-    /// One of these texts.
-    OneOf(&'static [&'static str]),
-    /// The name of a control law.
-    Law,
-    /// 1 to 64 letters, digits, '-' or '_'.
-    Name,
-    /// The name of a TOML file, 1 to 64 letters, digits, '-' or '_', with or without its ending.
-    TomlName,
-    /// A text that is not empty.
-    Text,
-    /// HOST:PORT after this prefix.
-    Address(&'static str),
-    /// A list of one text or more.
-    Texts,
-    /// A vehicle's id.
-    Id,
-    /// A list of one vehicle id or more.
-    Ids,
-    /// A list of pairs of vehicle ids, sender and receiver.
-    Edges,
-    /// A point: north and east, m.
-    Point,
-    /// A list of one point or more.
-    Points,
-    /// A line through two points or more; no two in a row are equal.
-    Path,
-    /// A list of tables; their keys are in [`KEYS`] with `[N]`.
-    Tables,
-    /// A table with any keys and any values that JSON can represent.
-    Free,
-}
-
-impl Kind {
-    /// Whether the key takes numbers that measure or count something; an id does neither.
-    pub fn has_numbers(self) -> bool {
-        matches!(
-            self,
-            Self::Number(_) | Self::NumberOr(..) | Self::Integer(..) | Self::Point | Self::Points | Self::Path
-        )
-    }
-
-    /// The range of the numbers, as text.
-    pub fn range(self) -> Option<String> {
-        match self {
-            Self::Number(range) | Self::NumberOr(_, range) => Some(range.to_string()),
-            Self::Integer(min, max) => Some(format!("{min} to {max}")),
-            Self::Id | Self::Ids | Self::Edges => Some(format!("1 to {}", VehicleId::MAX)),
-            Self::Point | Self::Points | Self::Path => Some(COORDINATES_M.to_string()),
-            _ => None,
-        }
-    }
-
-    /// The texts that the key accepts; empty if it accepts any text or none.
-    pub fn choices(self) -> Vec<&'static str> {
-        match self {
-            Self::OneOf(choices) => choices.to_vec(),
-            Self::Law => law::names().collect(),
-            _ => Vec::new(),
-        }
-    }
-}
-
-/// The kind as text.
-impl fmt::Display for Kind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Number(_) => f.write_str("number"),
-            Self::NumberOr(choice, _) => write!(f, "number or \"{choice}\""),
-            Self::Integer(..) => f.write_str("whole number"),
-            Self::Bool => f.write_str("true or false"),
-            Self::True => f.write_str("true, or left out"),
-            Self::OneOf(_) | Self::Law => {
-                let choices: Vec<_> = self.choices().into_iter().map(|choice| format!("\"{choice}\"")).collect();
-                write!(f, "one of {}", choices.join(", "))
-            }
-            Self::Name => f.write_str("name of 1 to 64 letters, digits, '-' or '_'"),
-            Self::TomlName => f.write_str("name of a TOML file, with or without \".toml\""),
-            Self::Text => f.write_str("text"),
-            Self::Address(prefix) => write!(f, "address {prefix}HOST:PORT"),
-            Self::Texts => f.write_str("list of texts"),
-            Self::Id => f.write_str("vehicle id"),
-            Self::Ids => f.write_str("list of vehicle ids"),
-            Self::Edges => f.write_str("list of pairs of vehicle ids, [[1, 2], [2, 3]]"),
-            Self::Point => f.write_str("point [north, east]"),
-            Self::Points | Self::Path => f.write_str("list of points, [[north, east], [north, east]]"),
-            Self::Tables => f.write_str("list of tables"),
-            Self::Free => f.write_str("table with any keys"),
-        }
-    }
-}
-
-/// Range of the coordinates of points, m. At its end the local plane is already 800 m above the ellipsoid.
-pub(super) const COORDINATES_M: Range = Range { min: -1e5, max: 1e5, min_included: true };
-
-/// A range of numbers; the upper end is included.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Range {
-    /// Lower end.
-    pub min: f64,
-    /// Upper end.
-    pub max: f64,
-    /// Whether the lower end is included.
-    pub min_included: bool,
-}
-
-impl Range {
-    /// Whether the number is in the range; NaN is not.
-    pub fn contains(self, number: f64) -> bool {
-        (if self.min_included { self.min <= number } else { self.min < number }) && number <= self.max
-    }
-}
-
-impl fmt::Display for Range {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.min_included {
-            write!(f, "{} to {}", self.min, self.max)
-        } else {
-            write!(f, "above {}, at most {}", self.min, self.max)
-        }
-    }
-}
-
-/// A default value.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Literal {
-    /// No default: the key has to be written.
-    Required,
-    /// No value.
-    Nothing,
-    /// The value of this other key.
-    Same(&'static str),
-    /// A number.
-    Number(f64),
-    /// A whole number.
-    Integer(i64),
-    /// true or false.
-    Bool(bool),
-    /// A text.
-    Text(&'static str),
-    /// Any other value, as TOML.
-    Toml(&'static str),
-}
-
-/// The value as TOML, or a description of it.
-impl fmt::Display for Literal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Required => f.write_str("none: the key is required"),
-            Self::Nothing => f.write_str("none"),
-            Self::Same(path) => write!(f, "the value of {path}"),
-            Self::Number(number) => write!(f, "{number}"),
-            Self::Integer(number) => write!(f, "{number}"),
-            Self::Bool(truth) => write!(f, "{truth}"),
-            Self::Text(text) => write!(f, "{text:?}"),
-            Self::Toml(text) => f.write_str(text),
-        }
-    }
-}
-
-/// Units by the endings of keys' names; a longer ending is before the shorter ones that it ends in.
-const UNITS: &[(&str, &str)] = &[
-    ("bit_s", "bit/s"),
-    ("m_s2", "m/s²"),
-    ("m_s", "m/s"),
-    ("per_s2", "1/s²"),
-    ("per_s", "1/s"),
-    ("per_m", "1/m"),
-    ("deg_s", "°/s"),
-    ("m", "m"),
-    ("s", "s"),
-    ("hz", "Hz"),
-    ("deg", "°"),
-    ("ppm", "ppm"),
-];
+/// Keys of earlier versions, which were removed.
+pub(super) const REMOVED: &[Removed] =
+    &[Removed { path: "network.state_json_hz", reason: "the state for people will be published as `summary`" }];
 
 impl Key {
-    /// A key with one default.
-    pub const fn new(path: &'static str, kind: Kind, default: Literal, about: &'static str) -> Self {
-        Self { path, kind, own_unit: None, default, paper: None, flock: None, implied: None, about }
-    }
-
-    const fn unit_is(self, unit: &'static str) -> Self {
-        Self { own_unit: Some(unit), ..self }
-    }
-
-    const fn paper(self, value: Literal) -> Self {
-        Self { paper: Some(value), ..self }
-    }
-
-    const fn flock(self, value: Literal) -> Self {
-        Self { flock: Some(value), ..self }
-    }
-
-    const fn implied(self, by: &'static str, is: &'static str, value: Literal) -> Self {
-        Self { implied: Some(Implied { by, is, value }), ..self }
-    }
-
-    /// Name of the key: the last part of its path.
-    pub fn name(&self) -> &'static str {
-        self.path.rsplit('.').next().unwrap_or(self.path)
-    }
-
-    /// Unit of the numbers, "1" for pure numbers; `None` for a key without numbers.
-    pub fn unit(&self) -> Option<&'static str> {
-        self.own_unit.or_else(|| self.unit_in_name()).filter(|_| self.kind.has_numbers())
-    }
-
-    /// Unit in which the key's name ends.
-    pub(super) fn unit_in_name(&self) -> Option<&'static str> {
-        let ends = |end: &str| self.name().strip_suffix(end).is_some_and(|rest| rest.is_empty() || rest.ends_with('_'));
-        UNITS.iter().find(|(end, _)| ends(end)).map(|(_, unit)| *unit)
-    }
-
     /// Default under `preset = "paper"`, if it differs: the preset's own, or one that depends on another key of the
     /// preset.
     pub fn on_paper(&self) -> Option<Literal> {
@@ -296,7 +94,7 @@ impl Key {
     }
 }
 
-/// What a path in a file refers to.
+/// The thing to which a path in a file refers.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Meaning {
     /// A key.
@@ -312,7 +110,7 @@ pub fn takes_whole_numbers(path: &str) -> bool {
     matches!(meaning(KEYS, path), Some(Meaning::Key(key)) if matches!(key.kind, Integer(..) | Id))
 }
 
-/// What this path refers to; `None` if it is unknown.
+/// Finds to what this path refers; `None` if it is unknown.
 pub(super) fn meaning(known: &'static [Key], path: &str) -> Option<Meaning> {
     let pattern = pattern(known, path);
     let table = formation_table_of_step(&pattern).unwrap_or(&pattern);

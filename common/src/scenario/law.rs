@@ -32,6 +32,12 @@ pub enum Law {
 pub(super) const NAMES: &[&str] =
     &["ring", "flock", "olfati-saber", "vasarhelyi", "virtual-structure", "displacement-consensus", "external"];
 
+/// The laws that can be the fallback of an external one.
+pub(super) const BUILT_IN: &[&str] = match NAMES.split_last() {
+    Some((_external, built_in)) => built_in,
+    None => &[],
+};
+
 impl Law {
     /// Whether vehicles fly together inside R*, without fixed places.
     pub fn is_flock(self) -> bool {

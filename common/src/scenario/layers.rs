@@ -3,8 +3,9 @@
 use toml::Value as Toml;
 
 use super::error::ScenarioError;
-use super::keys::{self, FAULT_KEYS, Implied, KEYS, Key, Kind, Literal, ORDER_KEYS};
-use super::model::Scenario;
+use super::key::{Implied, Key, Kind, Literal};
+use super::keys::{self, KEYS};
+use super::model::{FAULT_RULES, ORDER_RULES, Scenario};
 use super::tree::{Node, Place, Texts};
 use super::{Explained, Layer};
 use crate::id::VehicleId;
@@ -67,27 +68,21 @@ impl<'a> Layers<'a> {
     pub(super) fn scenario(&self) -> Result<Scenario, ScenarioError> {
         let mut root = toml::Table::new();
         for key in KEYS.iter().filter(|key| !key.path.contains('N') && !matches!(key.kind, Kind::Tables)) {
-            put(&mut root, key, key.path, self.value(key).0);
+            put(&mut root, Some(key), key.path, self.value(key).0);
         }
-        let steps = self.entries("mission.steps").iter().map(|step| Toml::Table(self.step(step))).collect();
-        let events = self.entries("mission.events").iter().map(|event| Toml::Table(event_in_full(event))).collect();
-        if let Some(Toml::Table(mission)) = root.get_mut("mission") {
-            mission.insert("steps".to_owned(), Toml::Array(steps));
-            mission.insert("events".to_owned(), Toml::Array(events));
-        }
-        let links = self.entries("network.links").iter().map(|link| Toml::Table(link_in_full(link))).collect();
-        if let Some(Toml::Table(network)) = root.get_mut("network") {
-            network.insert("links".to_owned(), Toml::Array(links));
-        }
-        let obstacles = self.entries("airspace.obstacles").into_iter().map(Toml::Table).collect();
-        if let Some(Toml::Table(airspace)) = root.get_mut("airspace") {
-            airspace.insert("obstacles".to_owned(), Toml::Array(obstacles));
+        let lists: [(&str, &dyn Fn(toml::Table) -> toml::Table); 4] = [
+            ("mission.steps", &|step| self.step(step)),
+            ("mission.events", &event_in_full),
+            ("network.links", &link_in_full),
+            ("airspace.obstacles", &|obstacle| obstacle),
+        ];
+        for (path, in_full) in lists {
+            let entries = self.entries(path).into_iter().map(|entry| Toml::Table(in_full(entry))).collect();
+            put(&mut root, None, path, Some(Toml::Array(entries)));
         }
         let vehicles = self.named("swarm.vehicles").and_then(|count| count.as_integer()).unwrap_or(0);
-        root.insert(
-            "vehicle".to_owned(),
-            Toml::Array((1..=vehicles).map(|id| Toml::Table(self.vehicle(id))).collect()),
-        );
+        let vehicles = (1..=vehicles).map(|id| Toml::Table(self.vehicle(id))).collect();
+        put(&mut root, None, "vehicle", Some(Toml::Array(vehicles)));
         // Every key was checked: an error here means that the table and the types disagree about a key, which the tests
         // exclude.
         root.try_into().map_err(|error: toml::de::Error| self.texts.fault(&Place::File(0..0), "", error.message()))
@@ -100,8 +95,8 @@ impl<'a> Layers<'a> {
     }
 
     /// A step with all values that it inherits.
-    fn step(&self, written: &toml::Table) -> toml::Table {
-        let mut step = written.clone();
+    fn step(&self, mut step: toml::Table) -> toml::Table {
+        let changes = self.changes(&step);
         for key in KEYS {
             if let (Some(name), Literal::Same(other)) = (key.path.strip_prefix("mission.steps[N]."), key.default)
                 && let Some(value) = self.named(other)
@@ -109,11 +104,10 @@ impl<'a> Layers<'a> {
                 step.entry(name).or_insert(value);
             }
         }
-        let changes = self.changes(written);
         let mut formation = toml::Table::new();
         for key in formation_keys() {
             let name = key.path.trim_start_matches("formation.");
-            put(&mut formation, key, name, at(&changes, name).cloned().or_else(|| self.value(key).0));
+            put(&mut formation, Some(key), name, at(&changes, name).cloned().or_else(|| self.value(key).0));
         }
         step.insert("formation".to_owned(), Toml::Table(formation));
         step
@@ -140,7 +134,7 @@ impl<'a> Layers<'a> {
         for key in KEYS {
             if let Some(name) = key.path.strip_prefix("vehicle.N.") {
                 let written = self.written.at(&format!("vehicle.{id}.{name}")).map(Node::plain);
-                put(&mut vehicle, key, name, written.or_else(|| self.below(key, &self.law).0));
+                put(&mut vehicle, Some(key), name, written.or_else(|| self.below(key, &self.law).0));
             }
         }
         vehicle
@@ -217,10 +211,9 @@ fn formation_keys() -> impl Iterator<Item = &'static Key> {
 }
 
 /// An event with the defaults of the keys that its kind takes.
-fn event_in_full(written: &toml::Table) -> toml::Table {
-    let mut event = written.clone();
-    let kind = ["fault", "order"].iter().find_map(|key| written.get(*key)?.as_str());
-    let rules = FAULT_KEYS.iter().chain(ORDER_KEYS).find(|(name, ..)| Some(*name) == kind);
+fn event_in_full(mut event: toml::Table) -> toml::Table {
+    let kind = ["fault", "order"].iter().find_map(|key| event.get(*key)?.as_str());
+    let rules = FAULT_RULES.iter().chain(&ORDER_RULES).find(|(name, ..)| Some(*name) == kind);
     for name in rules.map_or(&[][..], |(_, _, optional)| *optional) {
         if let Some(value) = keys::find(&format!("mission.events[N].{name}")).and_then(|key| literal(key.default)) {
             event.entry(*name).or_insert(value);
@@ -230,8 +223,7 @@ fn event_in_full(written: &toml::Table) -> toml::Table {
 }
 
 /// An entry of `network.links` with the defaults of its own keys.
-fn link_in_full(written: &toml::Table) -> toml::Table {
-    let mut link = written.clone();
+fn link_in_full(mut link: toml::Table) -> toml::Table {
     for key in KEYS {
         if let Some((name, value)) = key.path.strip_prefix("network.links[N].").zip(literal(key.default)) {
             link.entry(name).or_insert(value);
@@ -240,10 +232,10 @@ fn link_in_full(written: &toml::Table) -> toml::Table {
     link
 }
 
-/// Puts a value where the types expect it. A text that means "no number" is left out.
-fn put(root: &mut toml::Table, key: &Key, path: &str, value: Option<Toml>) {
+/// Puts a value of this key where the types expect it. A text that means "no number" is left out.
+fn put(root: &mut toml::Table, key: Option<&Key>, path: &str, value: Option<Toml>) {
     let Some(value) = value else { return };
-    if matches!(key.kind, Kind::NumberOr("none" | "from_widths", _)) && value.is_str() {
+    if matches!(key.map(|key| key.kind), Some(Kind::NumberOr("none" | "from_widths", _))) && value.is_str() {
         return;
     }
     let mut table = root;

@@ -1,7 +1,7 @@
 //! Checks of tables in which only some combinations of keys are allowed: steps, events, links, obstacles, UDP addresses of a law.
 
 use super::error::ScenarioError;
-use super::keys::{FAULT_KEYS, ORDER_KEYS};
+use super::model::{FAULT_RULES, ORDER_RULES};
 use super::tree::{Node, Table, Texts};
 
 /// The goals of a step, each with the keys that are allowed beside it.
@@ -71,7 +71,8 @@ fn check_step(texts: &Texts<'_>, step: &Node, path: &str, is_last: bool) -> Resu
 
 fn check_event(texts: &Texts<'_>, event: &Node, path: &str) -> Result<(), ScenarioError> {
     let Some(table) = event.table() else { return Ok(()) };
-    let (sort, rules) = one_of(texts, event, table, path, [("fault", FAULT_KEYS), ("order", ORDER_KEYS)].into_iter())?;
+    let (sort, rules) =
+        one_of(texts, event, table, path, [("fault", &FAULT_RULES[..]), ("order", &ORDER_RULES)].into_iter())?;
     let kind = table.get(sort).map(|(_, node)| node.plain()).unwrap_or(false.into());
     let Some((kind, needed, optional)) = rules.iter().find(|(name, ..)| kind.as_str() == Some(name)) else {
         return Ok(());

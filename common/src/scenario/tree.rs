@@ -7,7 +7,8 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::ScenarioError;
-use super::keys::{self, Key, REMOVED};
+use super::key::Key;
+use super::keys::{self, REMOVED};
 use super::kind::FileKind;
 use super::{Layer, Source};
 use crate::id::TeamId;
@@ -69,8 +70,8 @@ impl Node {
     /// The node at a path such as `mission.steps[1].name`.
     pub(super) fn at(&self, path: &str) -> Option<&Self> {
         steps(path)?.into_iter().try_fold(self, |node, step| match step {
-            Step::Name(name) => Some(&node.table()?.get(name)?.1),
-            Step::Index(index) => node.list().get(index),
+            PathStep::Name(name) => Some(&node.table()?.get(name)?.1),
+            PathStep::Index(index) => node.list().get(index),
         })
     }
 
@@ -100,7 +101,7 @@ pub(super) struct Texts<'a> {
     pub(super) part: Part,
 }
 
-/// What is read of a file.
+/// The part of a file that is read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Part {
     /// The whole file. It has to describe one swarm.
@@ -250,8 +251,8 @@ impl Texts<'_> {
         for step in steps {
             node = self.enter(node, &step, &so_far, &place)?;
             so_far = match step {
-                Step::Name(name) => keys::join(&so_far, name),
-                Step::Index(index) => format!("{so_far}[{index}]"),
+                PathStep::Name(name) => keys::join(&so_far, name),
+                PathStep::Index(index) => format!("{so_far}[{index}]"),
             };
         }
         *node = value;
@@ -262,25 +263,25 @@ impl Texts<'_> {
     fn enter<'n>(
         &self,
         node: &'n mut Node,
-        step: &Step<'_>,
+        step: &PathStep<'_>,
         so_far: &str,
         place: &Place,
     ) -> Result<&'n mut Node, ScenarioError> {
         let empty = || Node { place: place.clone(), value: Value::Table(Table::new()) };
         match (step, &mut node.value) {
-            (Step::Name(name), Value::Table(table)) => {
+            (PathStep::Name(name), Value::Table(table)) => {
                 Ok(&mut table.entry((*name).to_owned()).or_insert_with(|| (place.clone(), empty())).1)
             }
-            (Step::Index(index), Value::List(items)) => {
+            (PathStep::Index(index), Value::List(items)) => {
                 let count = items.len();
                 let message = format!("`{so_far}[{index}]` is beyond the end: `{so_far}` has {count}, counted from 0");
                 items.get_mut(*index).ok_or_else(|| self.fault(place, so_far, message))
             }
-            (Step::Index(_), Value::Table(table)) if table.is_empty() => {
+            (PathStep::Index(_), Value::Table(table)) if table.is_empty() => {
                 Err(self.fault(place, so_far, format!("`{so_far}` has no entries in {}", self.source.name)))
             }
-            (Step::Index(_), _) => Err(self.fault(place, so_far, format!("`{so_far}` is not a list"))),
-            (Step::Name(_), _) => Err(self.fault(place, so_far, format!("`{so_far}` is not a table"))),
+            (PathStep::Index(_), _) => Err(self.fault(place, so_far, format!("`{so_far}` is not a list"))),
+            (PathStep::Name(_), _) => Err(self.fault(place, so_far, format!("`{so_far}` is not a table"))),
         }
     }
 
@@ -346,27 +347,27 @@ impl<P: Fn(Range<usize>) -> Place> Reader<'_, P> {
 }
 
 /// One step of a `--set` path.
-enum Step<'a> {
+enum PathStep<'a> {
     Name(&'a str),
     Index(usize),
 }
 
 /// Splits a path such as `mission.steps[1].name` or `node."3/7".host` into steps; `None` if it is not a path.
-fn steps(path: &str) -> Option<Vec<Step<'_>>> {
+fn steps(path: &str) -> Option<Vec<PathStep<'_>>> {
     let mut steps = Vec::new();
     for segment in path.split('.') {
         if let Some(quoted) = keys::unquoted(segment) {
-            steps.push(Step::Name(quoted));
+            steps.push(PathStep::Name(quoted));
             continue;
         }
         let (name, places) = segment.split_at(segment.find('[').unwrap_or(segment.len()));
         if !keys::is_bare(name) {
             return None;
         }
-        steps.push(Step::Name(name));
+        steps.push(PathStep::Name(name));
         if !places.is_empty() {
             for place in places.strip_prefix('[')?.strip_suffix(']')?.split("][") {
-                steps.push(Step::Index(place.parse().ok()?));
+                steps.push(PathStep::Index(place.parse().ok()?));
             }
         }
     }

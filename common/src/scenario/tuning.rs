@@ -6,7 +6,8 @@
 use std::borrow::Cow;
 use std::str::FromStr;
 
-use super::keys::{self, Kind, Range};
+use super::key::{Kind, Range};
+use super::keys;
 use super::model::{EventAction, Formation, Scenario, ScriptedEvent, ScriptedOrder, ScriptedVerb, Setting, TunableKey};
 
 impl TunableKey {
@@ -136,7 +137,7 @@ impl Scenario {
         Ok(())
     }
 
-    /// Which of these settings take effect: all of them if they can be flown together. Otherwise they are tried one after the
+    /// Finds the settings that take effect: all of them if they can be flown together. Otherwise they are tried one after the
     /// other, and each that cannot be flown together with those before it is refused. The answer depends on nothing but the
     /// scenario and the settings, so that all agents find the same one. `check` returns why a scenario cannot be flown.
     pub fn settings_in_effect(&self, given: &[Setting], check: impl Fn(&Self) -> Result<(), String>) -> Settings {

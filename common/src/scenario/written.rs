@@ -7,7 +7,8 @@ use toml::Value as Toml;
 
 use super::Source;
 use super::error::ScenarioError;
-use super::keys::{self, Key, Literal};
+use super::key::{Key, Literal};
+use super::keys;
 use super::kind::FileKind;
 use super::tree::{Node, Part, Place, Texts, list_of_keys, shown};
 

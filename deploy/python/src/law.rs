@@ -8,7 +8,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use skein_common::id::VehicleId;
 use skein_common::message::LawNumber;
-use skein_core::formation::external::{LawQuery, LawReply, PeerState, ReplyCommand};
+use skein_core::formation::external::{LawQuery, LawReply, ReplyCommand};
+use skein_core::formation::law::Neighbour;
 use skein_host::external::protocol::Hello;
 use skein_lab::external::{LawMaker, LocalLaws};
 
@@ -100,25 +101,20 @@ impl LocalLaws for LawsOfRun {
 /// A query as nested lists, in the order of its fields.
 fn parts_of<'py>(py: Python<'py>, query: &LawQuery) -> PyResult<Bound<'py, PyList>> {
     let (own, goal) = (&query.own, &query.goal);
-    let peer = |peer: &PeerState| {
-        (peer.id.get(), peer.position_ned_m, peer.velocity_ned_m_s, peer.heading_rad, peer.age_s, peer.fresh)
-            .into_pyobject(py)
+    let peer = |peer: &Neighbour| {
+        let (position, velocity): ([f64; 3], [f64; 3]) = (peer.position.into(), peer.velocity.into());
+        (peer.id.get(), position, velocity, peer.heading_rad, peer.age_s, peer.is_fresh).into_pyobject(py)
     };
     let parts = PyList::empty(py);
     parts.append(query.vehicle.get())?;
     parts.append(query.tick)?;
     parts.append(query.time_s)?;
     parts.append(query.dt_s)?;
-    parts.append((own.position_ned_m, own.velocity_ned_m_s, own.heading_rad, own.age_s))?;
+    let (position, velocity): ([f64; 3], [f64; 3]) = (own.position.into(), own.velocity.into());
+    parts.append((position, velocity, own.heading_rad, own.age_s))?;
     parts.append(query.peers.iter().map(peer).collect::<PyResult<Vec<_>>>()?)?;
-    parts.append((
-        goal.step,
-        goal.centre_ned_m,
-        goal.centre_velocity_ned_m_s,
-        goal.heading_rad,
-        goal.radius_m,
-        goal.gamma,
-    ))?;
+    let (centre, velocity): ([f64; 3], [f64; 3]) = (goal.centre.into(), goal.centre_velocity.into());
+    parts.append((goal.step, centre, velocity, goal.heading_rad, goal.radius_m, goal.gamma))?;
     Ok(parts)
 }
 

@@ -1,12 +1,20 @@
-//! What an agent reports of its last step: the trace for metrics and recordings, the summary for displays.
+//! The records of an agent's last step: the trace for metrics and recordings, the summary for displays, and the events of what
+//! has changed.
+
+use alloc::vec::Vec;
 
 use skein_common::id::VehicleId;
-use skein_common::message::{PeerAge, PeerContact, Trace, VehicleFacts};
+use skein_common::message::{EventKind, PeerAge, PeerContact, SimulatorFault, Trace, VehicleFacts};
+use skein_common::state::{Activity, Membership};
 use skein_common::time::Now;
 
 use super::{Agent, LastStep};
+use crate::estimate::Estimate;
+use crate::failsafe::{Condition, Conditions};
+use crate::formation::external::External;
 use crate::peers::PeerEstimate;
-use crate::plant::{Command, GroundTruth};
+use crate::plant::{Command, GroundTruth, PlantStatus};
+use crate::setpoint::Setpoint;
 
 impl Agent {
     /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself
@@ -29,14 +37,14 @@ impl Agent {
             safety_activations: self.formation.safety_activations(),
             law_misses: self.law_misses(),
             fallback_flies: self.fallback_flies(),
-            law_log: self.formation.law_log().to_vec(),
-            state_messages: self.schedule.state_messages(),
-            state_bytes: self.schedule.state_bytes(),
+            law_log: self.formation.external.as_ref().map_or(&[][..], External::log).to_vec(),
+            state_messages: self.schedule.states.messages,
+            state_bytes: self.schedule.states.bytes,
             ..Trace::new(self.schedule.header_of_trace(now.local), now.plant, self.own_facts())
         }
     }
 
-    /// What the vehicle believes after this step, for displays. The caller fills in what only real time has: the time flown,
+    /// The beliefs of the vehicle after this step, for displays. The caller fills in what only real time has: the time flown,
     /// the power that the plant reports and the energy left, and the figures of the process.
     pub fn facts(&self) -> VehicleFacts {
         VehicleFacts {
@@ -68,6 +76,63 @@ impl Agent {
             controls: controls(*command),
             ..VehicleFacts::default()
         }
+    }
+
+    /// Compares with the last step and reports the changes.
+    pub(super) fn report_changes(
+        &mut self,
+        status: &PlantStatus,
+        conditions: Conditions,
+        estimate: Option<Estimate>,
+        events: &mut Vec<EventKind>,
+    ) {
+        const MISSING: [Condition; 4] =
+            [Condition::SimulatorStopped, Condition::SimulatorLost, Condition::OwnDataStale, Condition::AllPeersLost];
+        const BLIND: [Condition; 3] = [Condition::SimulatorStopped, Condition::SimulatorLost, Condition::OwnDataStale];
+        let is_blind = |missing: Option<Condition>| missing.is_some_and(|missing| BLIND.contains(&missing));
+        if status.standstill != self.last.standstill {
+            events.extend(status.standstill.map(EventKind::SimulatorStopped));
+        }
+        if status.faults != self.last.simulator_faults {
+            let is_new = |fault: &&SimulatorFault| !self.last.simulator_faults.contains(fault);
+            events.extend(status.faults.iter().filter(is_new).copied().map(EventKind::SimulatorFault));
+            self.last.simulator_faults.clone_from(&status.faults);
+        }
+        let missing = MISSING.into_iter().find(|&condition| conditions.contains(condition));
+        let was_blind = is_blind(self.last.missing);
+        if missing != self.last.missing {
+            match missing {
+                Some(Condition::SimulatorLost) => events.push(EventKind::SimulatorLost),
+                Some(Condition::OwnDataStale) => events.push(EventKind::OwnDataStale),
+                Some(Condition::AllPeersLost) if !was_blind => events.push(EventKind::AllPeersLost),
+                _ if was_blind && self.last.estimate.is_some() => events.push(EventKind::OwnDataBack),
+                _ => {}
+            }
+        }
+        let (membership, activity) = (self.mission.membership(), self.mission.activity);
+        if membership == Membership::Active && self.last.membership == Membership::Joining {
+            events.push(EventKind::BecameActive);
+        }
+        if activity != self.last.activity {
+            match (self.last.activity, activity) {
+                (Activity::TakingOff, Activity::Formation) => events.push(EventKind::AtAltitude),
+                (_, Activity::Landed) => events.push(EventKind::Landed),
+                _ => {}
+            }
+        }
+        let is_released = activity == Activity::Released;
+        if is_released != self.last.is_released {
+            events.push(if is_released { EventKind::ControlsReleased } else { EventKind::ControlsTakenBack });
+        }
+        // The estimate of the last step was needed up to here: the first data ever are not reported as back.
+        self.last.estimate = estimate;
+        self.last.missing = missing;
+        self.last.standstill = status.standstill;
+        self.last.membership = membership;
+        self.last.is_released = is_released;
+        self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };
+        // A vehicle that does not know where it is does not know that it is in its place.
+        self.last.in_place_s = self.last.in_place_s.filter(|_| self.last.activity == Activity::Formation);
     }
 
     /// Number of live members that the agent counts, itself included.

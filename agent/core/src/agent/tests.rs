@@ -8,7 +8,7 @@ use skein_common::time::LocalTime;
 use super::*;
 use crate::peers::PeerMessage;
 use crate::plant::{Controls, GroundTruth, VelocityCommand};
-use crate::testing::{header, heartbeat, id, received_state};
+use crate::tests::{header, heartbeat, id, received_state};
 
 mod suspended;
 

@@ -1,4 +1,4 @@
-//! What the controller expects of the rule base of each axis, and the comparison of a file with it.
+//! The controller's expectations of the rule base of each axis, and the comparison of a file with them.
 //!
 //! A file that contradicts what the controller does is refused. A file that may be right is accepted with a warning: other
 //! names, a range of an unusual size.
@@ -12,7 +12,7 @@ use super::sugeno::Sugeno;
 
 /// An axis of control, with what its rules get and give.
 #[derive(Debug)]
-pub(super) struct Axis {
+pub(super) struct AxisSpec {
     /// Name of the axis and of its file.
     pub(super) name: &'static str,
     /// The inputs: first the error, which the command reduces, then what damps it.
@@ -39,8 +39,8 @@ const fn quantity(name: &'static str, what: &'static str, unit: &'static str, us
 }
 
 /// The axes in the order of [`Rules::from_texts`](super::Rules::from_texts).
-pub(super) const AXES: [Axis; 4] = [
-    Axis {
+pub(super) const AXES: [AxisSpec; 4] = [
+    AxisSpec {
         name: "roll",
         inputs: &[
             quantity("error_right_m", "position error to the right", "m", 20.0, [1.0, 5.0, 15.0]),
@@ -49,7 +49,7 @@ pub(super) const AXES: [Axis; 4] = [
         ],
         outputs: &["stick", "roll", "roll_stick"],
     },
-    Axis {
+    AxisSpec {
         name: "pitch",
         inputs: &[
             quantity("error_backwards_m", "position error backwards", "m", 20.0, [1.0, 5.0, 15.0]),
@@ -58,7 +58,7 @@ pub(super) const AXES: [Axis; 4] = [
         ],
         outputs: &["stick", "pitch", "pitch_stick"],
     },
-    Axis {
+    AxisSpec {
         name: "heading",
         inputs: &[
             quantity("heading_error_rad", "heading error", "rad", 3.2, [0.05, 0.3, 1.0]),
@@ -66,7 +66,7 @@ pub(super) const AXES: [Axis; 4] = [
         ],
         outputs: &["stick", "heading", "yaw", "yaw_stick"],
     },
-    Axis {
+    AxisSpec {
         name: "collective",
         inputs: &[
             quantity("altitude_error_m", "altitude error", "m", 20.0, [0.5, 3.0, 10.0]),
@@ -98,7 +98,7 @@ const OTHER_UNITS: [(&str, &[&str]); 3] = [
 ///
 /// What contradicts the controller, with its place.
 pub(super) fn check(
-    axis: &Axis,
+    axis: &AxisSpec,
     file: &str,
     (fis, places, output): (&Fis, &Places, usize),
     system: &Sugeno,
@@ -191,9 +191,9 @@ impl Quantity {
 }
 
 /// Compares the names of the inputs.
-fn check_names(axis: &Axis, file: &str, fis: &Fis, places: &Places) -> Result<Option<FisError>, FisError> {
+fn check_names(axis: &AxisSpec, file: &str, fis: &Fis, places: &Places) -> Result<Option<FisError>, FisError> {
     let names: Vec<&str> = fis.inputs.iter().map(|input| input.name.as_str()).collect();
-    let is_in = |other: &Axis, in_order: bool| {
+    let is_in = |other: &AxisSpec, in_order: bool| {
         let is = |(nth, name): (usize, &&str)| match in_order {
             true => other.inputs.get(nth).is_some_and(|quantity| quantity.is_named(name)),
             false => other.inputs.iter().any(|quantity| quantity.is_named(name)),

@@ -107,7 +107,7 @@ pub(super) struct Term<T> {
     pub(super) value: T,
 }
 
-/// What a rule gives: a constant, plus a multiple of each input.
+/// The output of a rule: a constant, plus a multiple of each input.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Consequent {
     /// A factor for each input (`linear`); empty for a `constant`.

@@ -44,24 +44,28 @@ impl Default for GainsTable {
     }
 }
 
-/// A `[gains]` table with a number outside its limits.
+/// A number outside its limits in a `[gains]` or `[trim]` table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{key} is {value}, but has to be within {low} to {high}{or_negative}")]
-pub struct BadGain {
-    key: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-    or_negative: &'static str,
+pub struct OutOfLimits {
+    pub(super) key: &'static str,
+    pub(super) value: f64,
+    pub(super) low: f64,
+    pub(super) high: f64,
+    pub(super) or_negative: &'static str,
 }
 
 impl TryFrom<GainsTable> for Gains {
-    type Error = BadGain;
+    type Error = OutOfLimits;
 
-    fn try_from(table: GainsTable) -> Result<Self, BadGain> {
+    fn try_from(table: GainsTable) -> Result<Self, OutOfLimits> {
         let (low, high) = (1.0 / LARGEST, LARGEST);
         let within = |key, value: f64, size: f64, or_negative| {
-            if (low..=high).contains(&size) { Ok(value) } else { Err(BadGain { key, value, low, high, or_negative }) }
+            if (low..=high).contains(&size) {
+                Ok(value)
+            } else {
+                Err(OutOfLimits { key, value, low, high, or_negative })
+            }
         };
         let signed = |key, value: f64| within(key, value, value.abs(), ", or negative");
         Ok(Self {

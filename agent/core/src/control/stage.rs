@@ -94,7 +94,7 @@ impl Controller {
     /// The limit of the climb authority at the last step, if it was at one. A point mass always follows.
     pub fn collective_limit(&self) -> Option<CollectiveLimit> {
         match self {
-            Self::Helicopter(controller) => controller.collective_limit(),
+            Self::Helicopter(controller) => controller.collective_limit,
             Self::PointMass(_) => None,
         }
     }

@@ -155,7 +155,7 @@ fn after_a_second(estimate: &Estimate, setpoint: &Setpoint) -> AutoTrim {
     for _ in 0..50 {
         controller.step(0.02, estimate, setpoint);
     }
-    controller.auto_trim().unwrap()
+    controller.auto_trim.unwrap()
 }
 
 #[test]
@@ -173,7 +173,7 @@ fn auto_trim_integrates_the_velocity_command_error() {
     assert_near(found.tilt_ne_rad.y, -0.01);
     // 0.9 k (0.38·1 + 0.2).
     assert_near(found.collective, 0.009 * 0.58);
-    assert_eq!(controller(false).auto_trim(), None);
+    assert_eq!(controller(false).auto_trim, None);
 }
 
 #[test]
@@ -209,7 +209,7 @@ fn auto_trim_integrates_for_a_steady_held_up_vehicle_but_not_for_a_flying_one() 
         for _ in 0..50 * seconds {
             controller.step(0.02, &Estimate { velocity, ..hover(0.0) }, &commanded);
         }
-        controller.auto_trim().unwrap().tilt_ne_rad
+        controller.auto_trim.unwrap().tilt_ne_rad
     };
     let blown_back = VelocityNed::new(-1.5, 0.0, 0.0);
     assert_eq!(found(blown_back, 2), Vector2::zeros(), "the velocity is not steady yet");
@@ -222,7 +222,7 @@ fn auto_trim_integrates_for_a_steady_held_up_vehicle_but_not_for_a_flying_one() 
     (0..400).for_each(|_| {
         controller.step(0.02, &Estimate { velocity: VelocityNed::new(1.0, 0.0, 0.0), ..hover(0.0) }, &flies);
     });
-    assert_eq!(controller.auto_trim().unwrap().tilt_ne_rad, Vector2::zeros(), "the vehicle flies");
+    assert_eq!(controller.auto_trim.unwrap().tilt_ne_rad, Vector2::zeros(), "the vehicle flies");
 }
 
 #[test]
@@ -247,13 +247,13 @@ fn auto_trim_is_clamped_and_steps_are_capped() {
     };
     // However long the plant paused, a step counts as 0.1 s at most; a step back in time counts as zero.
     controller.step(1e9, &hover(0.0), &setpoint);
-    assert_near(controller.auto_trim().unwrap().tilt_ne_rad.x, 0.001);
+    assert_near(controller.auto_trim.unwrap().tilt_ne_rad.x, 0.001);
     controller.step(-5.0, &hover(0.0), &setpoint);
-    assert_near(controller.auto_trim().unwrap().tilt_ne_rad.x, 0.001);
+    assert_near(controller.auto_trim.unwrap().tilt_ne_rad.x, 0.001);
     for _ in 0..1000 {
         controller.step(0.1, &hover(0.0), &setpoint);
     }
-    let found = controller.auto_trim().unwrap();
+    let found = controller.auto_trim.unwrap();
     assert_near(found.tilt_ne_rad.norm(), 0.3);
     assert_near(found.tilt_ne_rad.x, -found.tilt_ne_rad.y);
     assert_eq!(found.collective, -0.12);
@@ -267,7 +267,7 @@ fn limit_after(seconds: u32, auto_trim: bool, height_m: f64, error_m: f64) -> Op
     for _ in 0..50 * seconds {
         controller.step(0.02, &estimate, &setpoint);
     }
-    controller.collective_limit()
+    controller.collective_limit
 }
 
 #[test]
@@ -314,7 +314,7 @@ fn a_non_finite_argument_repeats_the_last_controls() {
     let setpoint =
         Setpoint { relative_velocity_ne_m_s: Vector2::new(1.0, 2.0) * VELOCITY_PER_ERROR_PER_S, ..stay(0.3) };
     let good = controller.step(0.02, &hover(0.0), &setpoint);
-    let found = controller.auto_trim();
+    let found = controller.auto_trim;
     assert_ne!(good.controls, neutral);
     let nan = f64::NAN;
     let estimates = [
@@ -340,7 +340,7 @@ fn a_non_finite_argument_repeats_the_last_controls() {
     for (controls, fault) in faults {
         assert_eq!(controls, ControlOutput { controls: good.controls, fault: Some(fault) });
     }
-    assert_eq!(controller.auto_trim(), found);
+    assert_eq!(controller.auto_trim, found);
     assert_eq!(controller.step(0.02, &hover(0.0), &setpoint).fault, None);
 }
 
@@ -424,7 +424,7 @@ proptest! {
                 prop_assert!(turning.is_within_limits() && turning.yaw == 1.0, "{turning:?}");
                 let falling = controller.autorotate(*dt_s, estimate, setpoint.heading_rad).controls;
                 prop_assert!(falling.is_within_limits(), "{falling:?}");
-                let AutoTrim { tilt_ne_rad, collective, .. } = controller.auto_trim().unwrap_or_default();
+                let AutoTrim { tilt_ne_rad, collective, .. } = controller.auto_trim.unwrap_or_default();
                 prop_assert!(tilt_ne_rad.amax() <= 0.15 && collective.abs() <= 0.1);
             }
         }

@@ -4,13 +4,14 @@ use nalgebra::Vector2;
 use serde::Deserialize;
 
 use super::climb_m_s;
+use super::gains::OutOfLimits;
 use crate::estimate::Estimate;
 use crate::plant::Controls;
 use crate::setpoint::{CollectiveLimit, Setpoint};
 
 /// Controls and attitude in a hover without wind: the `[trim]` table of an aircraft file, which has the angles in
 /// degrees.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(try_from = "TrimTable")]
 pub struct Trim {
     /// Roll control, −1 to 1.
@@ -52,22 +53,16 @@ struct TrimTable {
     pitch_deg: f64,
 }
 
-/// A `[trim]` table with a number outside its limits.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{key} is {value}, but has to be within {low} to {high}")]
-pub struct BadTrim {
-    key: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-}
-
 impl TryFrom<TrimTable> for Trim {
-    type Error = BadTrim;
+    type Error = OutOfLimits;
 
-    fn try_from(table: TrimTable) -> Result<Self, BadTrim> {
+    fn try_from(table: TrimTable) -> Result<Self, OutOfLimits> {
         let within = |key, value: f64, low: f64, high: f64| {
-            if (low..=high).contains(&value) { Ok(value) } else { Err(BadTrim { key, value, low, high }) }
+            if (low..=high).contains(&value) {
+                Ok(value)
+            } else {
+                Err(OutOfLimits { key, value, low, high, or_negative: "" })
+            }
         };
         Ok(Self {
             roll_stick: within("roll_stick", table.roll_stick, -1.0, 1.0)?,

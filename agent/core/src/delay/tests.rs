@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::testing::id;
+use crate::tests::id;
 
 /// Heartbeats of one peer, five a second, with separate delays of the two directions and wrong clocks.
 struct Pair {

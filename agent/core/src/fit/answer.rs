@@ -5,7 +5,7 @@
 //! of the others does not depend on slope or trim, nor on a steady creep. The collective rises from round to round, until
 //! all three have answered.
 
-use super::{Axis, FitError, Found, Mean, Verdict};
+use super::{Axis, FitError, Fitted, Mean, Verdict};
 use crate::estimate::Estimate;
 use crate::plant::Controls;
 
@@ -51,7 +51,7 @@ impl Answering {
         self.collective
     }
 
-    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Found) -> Verdict {
+    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Fitted) -> Verdict {
         let unknown = self.directions.iter().position(Option::is_none);
         let Some(unknown) = unknown else {
             for (axis, direction) in AXES.into_iter().zip(self.directions) {

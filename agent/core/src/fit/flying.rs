@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::{FitError, Found, Verdict};
+use super::{FitError, Fitted, Verdict};
 use crate::control::{Gains, Rules, Trim, VehicleController};
 use crate::estimate::Estimate;
 use crate::plant::Controls;
@@ -44,7 +44,7 @@ pub(super) struct Flying {
 }
 
 impl Flying {
-    pub(super) fn new(rules: Rules, found: &Found, estimate: &Estimate) -> Self {
+    pub(super) fn new(rules: Rules, found: &Fitted, estimate: &Estimate) -> Self {
         let (trim, gains) = (found.trim, found.gains);
         let controller = VehicleController::new(rules.clone(), trim, gains, true);
         let ground_m = estimate.position.altitude_m() - estimate.height_m;
@@ -54,13 +54,13 @@ impl Flying {
     }
 
     /// Takes over a trim, or gains, found in flight. The integrals begin anew: the trim contains what they had found.
-    pub(super) fn adopt(&mut self, found: &Found) {
+    pub(super) fn adopt(&mut self, found: &Fitted) {
         (self.trim, self.gains) = (found.trim, found.gains);
         self.controller = VehicleController::new(self.rules.clone(), self.trim, self.gains, true);
     }
 
     /// The controls that hold place and altitude.
-    pub(super) fn hold(&mut self, dt_s: f64, estimate: &Estimate, found: &Found) -> Controls {
+    pub(super) fn hold(&mut self, dt_s: f64, estimate: &Estimate, found: &Fitted) -> Controls {
         let error_ne_m = self.place_ne_m - estimate.position.horizontal();
         self.command(dt_s, estimate, found, (error_ne_m * HOLD_PER_S).cap_magnitude(HOLD_M_S))
     }
@@ -70,7 +70,7 @@ impl Flying {
         &mut self,
         dt_s: f64,
         estimate: &Estimate,
-        found: &Found,
+        found: &Fitted,
         relative_velocity_ne_m_s: Vector2<f64>,
     ) -> Controls {
         let setpoint = Setpoint {
@@ -83,7 +83,7 @@ impl Flying {
     }
 
     /// Descends where the vehicle is, then takes the load off.
-    pub(super) fn land(&mut self, dt_s: f64, estimate: &Estimate, found: &Found) -> Verdict {
+    pub(super) fn land(&mut self, dt_s: f64, estimate: &Estimate, found: &Fitted) -> Verdict {
         let above_m = estimate.height_m - found.standing_m;
         if above_m < DOWN_M {
             self.down_s += dt_s;
@@ -123,7 +123,7 @@ impl Lifting {
         Self { flying, collective, lifted: None }
     }
 
-    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Found) -> Verdict {
+    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Fitted) -> Verdict {
         let above_m = estimate.height_m - found.standing_m;
         if above_m > LIFTED_M {
             self.lifted.get_or_insert(self.collective);

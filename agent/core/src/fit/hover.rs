@@ -3,7 +3,7 @@
 use alloc::format;
 
 use super::flying::{Flying, HOVER_M};
-use super::{FitError, Found, Mean, Verdict};
+use super::{FitError, Fitted, Mean, Verdict};
 use crate::control::Trim;
 use crate::estimate::Estimate;
 use crate::plant::Controls;
@@ -42,7 +42,7 @@ impl Hovering {
         Self { flying, is_up: false, window_s: 0.0, windows: 0, means, fastest_m_s: 0.0, farthest_m: 0.0 }
     }
 
-    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Found) -> Verdict {
+    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Fitted) -> Verdict {
         let controls = self.flying.hold(dt_s, estimate, found);
         self.is_up |= estimate.height_m > found.standing_m + 0.7 * HOVER_M;
         self.window_s += dt_s;

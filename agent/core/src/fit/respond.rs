@@ -1,10 +1,10 @@
 //! The responses to short steps of each control, which give the gains; and the flight that checks them.
 
 use nalgebra::Vector2;
-use skein_common::frame::HeadingFrame;
+use skein_common::frame::{BodyRates, HeadingFrame};
 
 use super::flying::Flying;
-use super::{Axis, FitError, Found, Mean, Responses, Verdict};
+use super::{Axis, FitError, Fitted, Mean, Responses, Verdict};
 use crate::estimate::Estimate;
 use crate::plant::Controls;
 use crate::setpoint::VELOCITY_PER_ERROR_PER_S;
@@ -35,21 +35,13 @@ impl Axis {
 
     /// The quantity by which this control's response is measured.
     fn response(self, estimate: &Estimate) -> f64 {
-        match self {
-            Self::Roll => estimate.rates.roll_rad_s,
-            Self::Pitch => estimate.rates.pitch_rad_s,
-            Self::Yaw => estimate.rates.yaw_rad_s,
-            Self::Collective => -estimate.velocity.down_m_s(),
-        }
+        let BodyRates { roll_rad_s, pitch_rad_s, yaw_rad_s } = estimate.rates;
+        self.of([roll_rad_s, pitch_rad_s, yaw_rad_s, -estimate.velocity.down_m_s()])
     }
 
     fn response_of(self, responses: &mut Responses) -> &mut f64 {
-        match self {
-            Self::Roll => &mut responses.roll_rad_s,
-            Self::Pitch => &mut responses.pitch_rad_s,
-            Self::Yaw => &mut responses.yaw_rad_s,
-            Self::Collective => &mut responses.climb_m_s,
-        }
+        let Responses { roll_rad_s, pitch_rad_s, yaw_rad_s, climb_m_s } = responses;
+        self.of([roll_rad_s, pitch_rad_s, yaw_rad_s, climb_m_s])
     }
 }
 
@@ -84,7 +76,7 @@ impl Responding {
         Self { flying, done: 0, waited_s: 0.0, calm_s: 0.0, step: None, measured, first: 0.0 }
     }
 
-    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Found) -> Verdict {
+    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Fitted) -> Verdict {
         let held = self.flying.hold(dt_s, estimate, found);
         let Some(&axis) = Axis::ALL.get(self.done / 2) else {
             // The flight that checks the gains begins at rest, at its altitude.
@@ -117,12 +109,7 @@ impl Responding {
         let mut controls = held;
         let mut stepped = *before;
         axis.move_by(&mut stepped, if is_first { pulse.by } else { -pulse.by });
-        match axis {
-            Axis::Roll => controls.roll = stepped.roll,
-            Axis::Pitch => controls.pitch = stepped.pitch,
-            Axis::Yaw => controls.yaw = stepped.yaw,
-            Axis::Collective => controls.collective = stepped.collective,
-        }
+        *axis.control(&mut controls) = *axis.control(&mut stepped);
         if *since_s >= pulse.held_s {
             let response = self.measured.get();
             (self.step, self.calm_s, self.waited_s) = (None, 0.0, 0.0);
@@ -145,7 +132,7 @@ fn restless() -> FitError {
 }
 
 /// Makes a response per full control the gain that gives the reference's.
-fn judge(axis: Axis, response: f64, found: &mut Found) -> Result<(), FitError> {
+fn judge(axis: Axis, response: f64, found: &mut Fitted) -> Result<(), FitError> {
     let reference = *axis.response_of(&mut REFERENCE.clone());
     *axis.response_of(&mut found.responses) = response;
     let gain = axis.gain(&mut found.gains);
@@ -157,7 +144,7 @@ fn judge(axis: Axis, response: f64, found: &mut Found) -> Result<(), FitError> {
     Ok(())
 }
 
-fn is_calm(estimate: &Estimate, found: &Found, flying: &Flying, within_m: f64) -> bool {
+fn is_calm(estimate: &Estimate, found: &Fitted, flying: &Flying, within_m: f64) -> bool {
     let attitude = estimate.attitude;
     let leans_rad =
         (attitude.roll_rad - found.trim.roll_rad).abs().max((attitude.pitch_rad - found.trim.pitch_rad).abs());
@@ -195,7 +182,7 @@ impl Checking {
         Self { flying, start_ne_m, leg: 0, leg_s: 0.0, away_s: 0.0 }
     }
 
-    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Found) -> Verdict {
+    pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Fitted) -> Verdict {
         let heading = HeadingFrame::new(found.heading_rad);
         let corner = |leg: Option<usize>| {
             let [forward, right] = leg.map_or([0.0, 0.0], |leg| LEGS[leg]);

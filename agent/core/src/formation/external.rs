@@ -15,12 +15,13 @@ use alloc::vec::Vec;
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
+use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::VehicleId;
 use skein_common::message::{EventKind, LawNumber};
 use skein_common::scenario;
 use skein_common::time::PlantTime;
 
-use super::law::{self, Neighbour, Observation};
+use super::law::{self, Goal, Neighbour, Observation};
 
 /// Rounding of frame times, s: a query may be sent this much early.
 const ROUNDING_S: f64 = 1e-6;
@@ -39,56 +40,24 @@ pub struct LawQuery {
     /// The vehicle's own estimate.
     pub own: OwnState,
     /// The other live members, by id.
-    pub peers: Vec<PeerState>,
+    pub peers: Vec<Neighbour>,
     /// The formation's goal.
-    pub goal: QueryGoal,
+    pub goal: Goal,
 }
 
 /// The vehicle's own state.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OwnState {
-    /// Position north, east, down, m.
-    pub position_ned_m: [f64; 3],
-    /// Velocity over the ground, north, east, down, m/s.
-    pub velocity_ned_m_s: [f64; 3],
+    /// Position in the swarm's frame.
+    #[serde(rename = "position_ned_m")]
+    pub position: PositionNed,
+    /// Velocity over the ground.
+    #[serde(rename = "velocity_ned_m_s")]
+    pub velocity: VelocityNed,
     /// Heading clockwise from north, rad.
     pub heading_rad: f64,
     /// Age of the estimate, s.
     pub age_s: f64,
-}
-
-/// The state of another live member.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PeerState {
-    /// The member's id.
-    pub id: VehicleId,
-    /// Position extrapolated to now at constant velocity, north, east, down, m.
-    pub position_ned_m: [f64; 3],
-    /// Velocity as last received, north, east, down, m/s.
-    pub velocity_ned_m_s: [f64; 3],
-    /// Heading as last received, clockwise from north, rad.
-    pub heading_rad: f64,
-    /// Age of the member's newest state, s.
-    pub age_s: f64,
-    /// Whether the state is fresh, not stale.
-    pub fresh: bool,
-}
-
-/// Position, motion and size of the formation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct QueryGoal {
-    /// Step of the mission, counted from 0.
-    pub step: usize,
-    /// Centre, north, east, down, m, at this vehicle's altitude.
-    pub centre_ned_m: [f64; 3],
-    /// Velocity of the centre, north, east, down, m/s.
-    pub centre_velocity_ned_m_s: [f64; 3],
-    /// Heading of the ellipse's first axis, clockwise from north, rad.
-    pub heading_rad: f64,
-    /// Radius R*, m.
-    pub radius_m: f64,
-    /// Squared ratio γ of the semi-axes.
-    pub gamma: f64,
 }
 
 /// The reply of an external law. Every number is finite; no other property is guaranteed.
@@ -134,7 +103,8 @@ pub struct External {
     /// The last accepted reply.
     last: Option<LawReply>,
     misses_in_a_row: u32,
-    misses: u64,
+    /// Number of queries without a reply so far.
+    pub(crate) misses: u64,
     /// Whether the law flies the vehicle by now; `None` while it is suspended.
     flies: Option<bool>,
     /// Query and event to hand out after this step.
@@ -221,9 +191,15 @@ impl External {
             tick,
             time_s: self.now.seconds(),
             dt_s,
-            own: OwnState::from(observation),
-            peers: observation.neighbours.iter().map(PeerState::from).collect(),
-            goal: QueryGoal::from(&observation.goal),
+            own: OwnState {
+                position: observation.position,
+                velocity: observation.velocity,
+                heading_rad: observation.heading_rad,
+                // The estimate is from this very step.
+                age_s: 0.0,
+            },
+            peers: observation.neighbours.to_vec(),
+            goal: observation.goal,
         });
     }
 
@@ -237,11 +213,6 @@ impl External {
     pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<LawQuery> {
         happened.extend(self.event.take());
         self.ask.take()
-    }
-
-    /// Number of queries without a reply so far.
-    pub fn misses(&self) -> u64 {
-        self.misses
     }
 
     /// Whether the fallback flies in the place of the law; `None` while the law is suspended.
@@ -266,44 +237,6 @@ pub struct ExternalLawOutput {
     pub answer: law::LawOutput,
     /// Commanded heading, clockwise from north, rad; `None` leaves it to the mission.
     pub heading_rad: Option<f64>,
-}
-
-impl From<&Observation<'_>> for OwnState {
-    /// The estimate is from this very step, so its age is zero.
-    fn from(observation: &Observation<'_>) -> Self {
-        Self {
-            position_ned_m: observation.position.0.into(),
-            velocity_ned_m_s: observation.velocity.0.into(),
-            heading_rad: observation.heading_rad,
-            age_s: 0.0,
-        }
-    }
-}
-
-impl From<&Neighbour> for PeerState {
-    fn from(neighbour: &Neighbour) -> Self {
-        Self {
-            id: neighbour.id,
-            position_ned_m: neighbour.position.0.into(),
-            velocity_ned_m_s: neighbour.velocity.0.into(),
-            heading_rad: neighbour.heading_rad,
-            age_s: neighbour.age_s,
-            fresh: neighbour.is_fresh,
-        }
-    }
-}
-
-impl From<&law::Goal> for QueryGoal {
-    fn from(goal: &law::Goal) -> Self {
-        Self {
-            step: goal.step,
-            centre_ned_m: goal.centre.0.into(),
-            centre_velocity_ned_m_s: goal.centre_velocity.0.into(),
-            heading_rad: goal.heading_rad,
-            radius_m: goal.radius_m,
-            gamma: goal.gamma,
-        }
-    }
 }
 
 #[cfg(test)]

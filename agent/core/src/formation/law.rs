@@ -10,6 +10,7 @@ use alloc::string::String;
 use core::fmt::Debug;
 
 use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::Formation;
@@ -102,14 +103,16 @@ pub struct Observation<'a> {
     pub dt_s: f64,
 }
 
-/// Another live member, extrapolated from its last state to now.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Another live member, extrapolated from its last state to now. Spelling and order are those of a query to an external law.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Neighbour {
     /// The member's id.
     pub id: VehicleId,
     /// Its position, extrapolated to now.
+    #[serde(rename = "position_ned_m")]
     pub position: PositionNed,
     /// Its velocity as last received.
+    #[serde(rename = "velocity_ned_m_s")]
     pub velocity: VelocityNed,
     /// Its heading as last received, clockwise from north, rad.
     pub heading_rad: f64,
@@ -117,6 +120,7 @@ pub struct Neighbour {
     pub age_s: f64,
     /// Whether the upper bound of this age is below half a second. If not, the peer was silent or its messages are
     /// delayed.
+    #[serde(rename = "fresh")]
     pub is_fresh: bool,
 }
 
@@ -131,14 +135,16 @@ pub struct Obstacle {
     pub radius_m: f64,
 }
 
-/// The goal of the formation.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The goal of the formation. Spelling and order are those of a query to an external law.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Goal {
     /// Step of the mission, counted from 0.
     pub step: usize,
-    /// Centre of the formation.
+    /// Centre of the formation, at this vehicle's altitude.
+    #[serde(rename = "centre_ned_m")]
     pub centre: PositionNed,
     /// Velocity of the centre.
+    #[serde(rename = "centre_velocity_ned_m_s")]
     pub centre_velocity: VelocityNed,
     /// Direction of the formation's first axis, clockwise from north, rad.
     pub heading_rad: f64,

@@ -25,7 +25,7 @@ use nalgebra::{Rotation2, Vector2, Vector3};
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
 use skein_common::math;
-use skein_common::scenario;
+use skein_common::scenario::{self, AvoidDistance, Avoidance};
 
 use super::COINCIDENT_M;
 use super::law::{Law, LawCommand, LawOutput, Neighbour, Observation, Obstacle, Setup};
@@ -60,7 +60,8 @@ pub struct Ring {
     pub edge_steepness_per_m: [f64; 2],
     /// Exponent K = ln((1 − ε)/ε) for the share ε that a limiting function leaves one width beyond its edge.
     pub edge_exponent: f64,
-    /// The part of the neighbours' avoidance that is flown.
+    /// The part of the neighbours' avoidance that is flown in the band. With all of it, the literal reading of the paper, the ring
+    /// settles wider.
     pub avoidance: Avoidance,
     /// Distance at which a neighbour's avoidance has half its strength.
     pub avoid_distance: AvoidDistance,
@@ -75,26 +76,6 @@ pub enum Region {
     Band,
     /// Anywhere inside the surface.
     Inside,
-}
-
-/// The part of the neighbours' avoidance that is flown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Avoidance {
-    /// In the band, only the component along the ring, so that the ring keeps its size.
-    Tangential,
-    /// The complete vector, the literal reading of the paper: the ring settles wider.
-    Full,
-}
-
-/// Distance ΔR_avoid at which a neighbour's avoidance has half its strength.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum AvoidDistance {
-    /// The same distance for any number of members, m.
-    Fixed(f64),
-    /// 1/√2 of the distance between evenly spread neighbours, for any number of members N: R* √2 sin(π/N) on a ring. On
-    /// a sphere it is L. Fejes Tóth's bound on that distance, R* √(4 − 1/sin²(πN/(6(N − 2)))), which N = 3, 4, 6 and 12
-    /// attain.
-    Adaptive,
 }
 
 /// Exponent ln((1 − ε)/ε) at which a sigmoid has fallen to ε.
@@ -122,14 +103,8 @@ pub fn of(settings: &scenario::Formation) -> Ring {
         outer_width_m: settings.outer_width_m,
         edge_steepness_per_m: [steepness(settings.inner_width_m), steepness(settings.outer_width_m)],
         edge_exponent,
-        avoidance: match settings.avoidance {
-            scenario::Avoidance::Tangential => Avoidance::Tangential,
-            scenario::Avoidance::Full => Avoidance::Full,
-        },
-        avoid_distance: match settings.avoid_distance_m {
-            scenario::AvoidDistance::Adaptive => AvoidDistance::Adaptive,
-            scenario::AvoidDistance::Fixed(distance_m) => AvoidDistance::Fixed(distance_m),
-        },
+        avoidance: settings.avoidance,
+        avoid_distance: settings.avoid_distance_m,
         circulation: settings.circulation,
     }
 }
@@ -184,7 +159,9 @@ impl Ring {
         }
     }
 
-    /// Distance at which a neighbour's avoidance has half its strength among `live` members, m.
+    /// Distance ΔR_avoid at which a neighbour's avoidance has half its strength among `live` members, m. If it is adaptive, it is
+    /// 1/√2 of the distance between evenly spread neighbours, for any number of members N: R* √2 sin(π/N) on a ring. On a sphere
+    /// it is L. Fejes Tóth's bound on that distance, R* √(4 − 1/sin²(πN/(6(N − 2)))), which N = 3, 4, 6 and 12 attain.
     pub fn avoid_distance_m(&self, live: usize) -> f64 {
         let n = live.max(2) as f64;
         match (self.avoid_distance, self.gamma_z) {

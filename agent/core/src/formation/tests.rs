@@ -1,3 +1,5 @@
+pub(super) mod points;
+
 use proptest::prelude::*;
 use proptest::sample::select;
 use skein_common::frame::{Attitude, BodyRates, Geodetic};

@@ -2,7 +2,7 @@
 
 use alloc::sync::Arc;
 
-use super::dynamics::{Command, Dynamics, State};
+use super::dynamics::{Dynamics, ServoCommand, State};
 use super::integration::Stages;
 use super::vector::Vector;
 use super::{BuiltInVehicle, Helicopter};
@@ -20,7 +20,7 @@ pub struct Block {
     known: [Option<Arc<Dynamics>>; LANES],
     dynamics: Dynamics<Lanes>,
     state: State<Lanes>,
-    command: Command<Lanes>,
+    command: ServoCommand<Lanes>,
     wind: Vector<Lanes>,
     /// Room to work in.
     stages: Stages<Lanes>,

@@ -103,7 +103,7 @@ impl<R: Real> State<R> {
 numbers! {
     /// The commands to the servos and the yaw gyro.
     #[derive(Clone, Copy, Debug, Default)]
-    pub(super) struct Command<R> {
+    pub(super) struct ServoCommand<R> {
         /// Commanded blade pitch δ_lat*, δ_lon*, θ0* of the servos, rad.
         pub(super) lateral_rad: R,
         pub(super) longitudinal_rad: R,
@@ -160,7 +160,7 @@ impl<R: Real> Dynamics<R> {
 
     /// The state's rate of change.
     #[cfg(test)]
-    pub(super) fn rates(&self, state: &State<R>, command: &Command<R>, wind: Vector<R>) -> State<R> {
+    pub(super) fn rates(&self, state: &State<R>, command: &ServoCommand<R>, wind: Vector<R>) -> State<R> {
         self.rates_and_inflows(state, command, wind).0
     }
 
@@ -169,7 +169,7 @@ impl<R: Real> Dynamics<R> {
     pub(super) fn rates_and_inflows(
         &self,
         state: &State<R>,
-        command: &Command<R>,
+        command: &ServoCommand<R>,
         wind: Vector<R>,
     ) -> (State<R>, [Inflow<R>; 2]) {
         #[rustfmt::skip]

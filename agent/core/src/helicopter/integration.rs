@@ -12,7 +12,7 @@
 //! are near the ground is decided for each by itself at the beginning of the tick.
 
 use super::TICK_S;
-use super::dynamics::{Command, Dynamics, State};
+use super::dynamics::{Dynamics, ServoCommand, State};
 use super::vector::Vector;
 use crate::lanes::{Mask, Real};
 
@@ -46,7 +46,7 @@ impl<R: Real> Dynamics<R> {
     pub(super) fn tick(
         &self,
         state: &State<R>,
-        command: &Command<R>,
+        command: &ServoCommand<R>,
         wind: Vector<R>,
         stages: &mut Stages<R>,
     ) -> State<R> {
@@ -71,7 +71,7 @@ impl<R: Real> Dynamics<R> {
         &self,
         step_s: f64,
         state: &State<R>,
-        command: &Command<R>,
+        command: &ServoCommand<R>,
         wind: Vector<R>,
         Stages(rates): &mut Stages<R>,
     ) -> State<R> {

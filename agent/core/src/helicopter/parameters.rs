@@ -1,5 +1,8 @@
 //! The parameters of one helicopter type: the `[helicopter]` table of an aircraft file.
 
+use alloc::vec;
+use alloc::vec::Vec;
+
 use serde::Deserialize;
 
 /// All parameters of the flight model. Symbols: Gavrilets, Mettler and Feron (2003).
@@ -17,13 +20,13 @@ pub struct Parameters {
     /// Moments of inertia; the products are zero.
     pub inertia: Inertia,
     /// Main rotor, clockwise seen from above.
-    pub main_rotor: Rotor,
+    pub main_rotor: RotorParameters,
     /// Hub, stabiliser bar and shaft of the main rotor.
     pub head: Head,
     /// Tail rotor, which pushes the tail to the left.
-    pub tail_rotor: Rotor,
+    pub tail_rotor: RotorParameters,
     /// Position and drive of the tail rotor.
-    pub tail: Tail,
+    pub tail: TailParameters,
     /// Vertical fin.
     pub fin: Fin,
     /// Horizontal stabiliser.
@@ -40,147 +43,178 @@ pub struct Parameters {
     pub skids: Skids,
 }
 
-/// Moments of inertia about the body axes.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Inertia {
-    /// Roll moment I_xx.
-    pub roll_kg_m2: f64,
-    /// Pitch moment I_yy.
-    pub pitch_kg_m2: f64,
-    /// Yaw moment I_zz.
-    pub yaw_kg_m2: f64,
+/// The wording of a condition on a number, and its test.
+#[derive(Clone, Copy)]
+pub(super) struct NumberRule(pub(super) &'static str, pub(super) fn(f64) -> bool);
+
+const ANY: NumberRule = NumberRule("a finite number", f64::is_finite);
+pub(super) const POSITIVE: NumberRule =
+    NumberRule("finite and greater than 0", |value| value.is_finite() && value > 0.0);
+const NOT_NEGATIVE: NumberRule = NumberRule("finite and not negative", |value| value.is_finite() && value >= 0.0);
+const LAG: NumberRule = NumberRule("finite and at least 0.01 s, or the integration step is too long for it", |value| {
+    value.is_finite() && value >= 0.01
+});
+
+/// Declares tables of numbers, each number with its condition; after a `;`, a table may have one more field.
+macro_rules! tables {
+    ($($(#[$about:meta])* pub struct $name:ident {
+        $($(#[$about_field:meta])* $field:ident: $rule:expr),* $(,)? $(; $(#[$about_other:meta])* $other:ident: $type:ty,)?
+    })*) => {$(
+        #[derive(Clone, Debug, PartialEq, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        $(#[$about])*
+        pub struct $name {
+            $($(#[$about_field])* pub $field: f64,)* $($(#[$about_other])* pub $other: $type,)?
+        }
+
+        impl $name {
+            /// Each number with its key and its condition.
+            pub(super) fn rules(&self) -> Vec<(&'static str, f64, NumberRule)> {
+                vec![$((stringify!($field), self.$field, $rule)),*]
+            }
+        }
+    )*};
 }
 
-/// A two-bladed rotor.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Rotor {
-    /// Radius R.
-    pub radius_m: f64,
-    /// Blade chord c.
-    pub chord_m: f64,
-    /// Lift slope a.
-    pub lift_slope_per_rad: f64,
-    /// Profile drag coefficient C_D0.
-    pub profile_drag: f64,
-    /// Largest thrust coefficient C_Tmax.
-    pub max_thrust_coefficient: f64,
-    /// Inflow lag τ_λ.
-    pub inflow_lag_s: f64,
-    /// Height h of the hub above the centre of gravity.
-    pub height_m: f64,
-}
+tables! {
+    /// Moments of inertia about the body axes.
+    pub struct Inertia {
+        /// Roll moment I_xx.
+        roll_kg_m2: POSITIVE,
+        /// Pitch moment I_yy.
+        pitch_kg_m2: POSITIVE,
+        /// Yaw moment I_zz.
+        yaw_kg_m2: POSITIVE,
+    }
 
-/// Hub, stabiliser bar and shaft of the main rotor.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Head {
-    /// Nominal rotor speed Ω_nom.
-    pub nominal_speed_rad_s: f64,
-    /// Hub stiffness K_β.
-    pub hub_stiffness_n_m_per_rad: f64,
-    /// Lock number γ_fb of the stabiliser bar.
-    pub flybar_lock_number: f64,
-    /// Disc tilt per lateral cyclic at nominal speed, B_lat.
-    pub lateral_flap_gain_rad_per_rad: f64,
-    /// Disc tilt per longitudinal cyclic at nominal speed, A_lon.
-    pub longitudinal_flap_gain_rad_per_rad: f64,
-    /// Scaling K_μ of the flap response to airspeed.
-    pub speed_flap_scaling: f64,
-    /// Moment of inertia I_rot of everything that turns with the shaft.
-    pub rotational_inertia_kg_m2: f64,
-}
+    /// A two-bladed rotor.
+    pub struct RotorParameters {
+        /// Radius R.
+        radius_m: POSITIVE,
+        /// Blade chord c.
+        chord_m: POSITIVE,
+        /// Lift slope a.
+        lift_slope_per_rad: POSITIVE,
+        /// Profile drag coefficient C_D0.
+        profile_drag: NOT_NEGATIVE,
+        /// Largest thrust coefficient C_Tmax.
+        max_thrust_coefficient: POSITIVE,
+        /// Inflow lag τ_λ.
+        inflow_lag_s: LAG,
+        /// Height h of the hub above the centre of gravity.
+        height_m: ANY,
+    }
 
-/// Position and drive of the tail rotor.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Tail {
-    /// Ratio n_tr of tail rotor speed to main rotor speed.
-    pub gear_ratio: f64,
-    /// Distance l_tr of the hub behind the centre of gravity.
-    pub arm_m: f64,
-    /// Blade pitch θ_t at the lower stop.
-    pub min_pitch_rad: f64,
-    /// Blade pitch θ_t at the upper stop.
-    pub max_pitch_rad: f64,
-}
+    /// Hub, stabiliser bar and shaft of the main rotor.
+    pub struct Head {
+        /// Nominal rotor speed Ω_nom.
+        nominal_speed_rad_s: POSITIVE,
+        /// Hub stiffness K_β.
+        hub_stiffness_n_m_per_rad: NOT_NEGATIVE,
+        /// Lock number γ_fb of the stabiliser bar.
+        flybar_lock_number: POSITIVE,
+        /// Disc tilt per lateral cyclic at nominal speed, B_lat.
+        lateral_flap_gain_rad_per_rad: NOT_NEGATIVE,
+        /// Disc tilt per longitudinal cyclic at nominal speed, A_lon.
+        longitudinal_flap_gain_rad_per_rad: NOT_NEGATIVE,
+        /// Scaling K_μ of the flap response to airspeed.
+        speed_flap_scaling: NOT_NEGATIVE,
+        /// Moment of inertia I_rot of everything that turns with the shaft.
+        rotational_inertia_kg_m2: POSITIVE,
+    }
 
-/// The vertical fin, at the tail rotor's hub.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Fin {
-    /// Area S_vf.
-    pub area_m2: f64,
-    /// Lift slope C_Lα,vf.
-    pub lift_slope_per_rad: f64,
-    /// Share ε_vf of the fin in the tail rotor's wake.
-    pub tail_wake_share: f64,
-}
+    /// Position and drive of the tail rotor.
+    pub struct TailParameters {
+        /// Ratio n_tr of tail rotor speed to main rotor speed.
+        gear_ratio: POSITIVE,
+        /// Distance l_tr of the hub behind the centre of gravity.
+        arm_m: POSITIVE,
+        /// Blade pitch θ_t at the lower stop.
+        min_pitch_rad: ANY,
+        /// Blade pitch θ_t at the upper stop.
+        max_pitch_rad: ANY,
+    }
 
-/// The horizontal stabiliser.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Stabiliser {
-    /// Area S_ht.
-    pub area_m2: f64,
-    /// Lift slope C_Lα,ht.
-    pub lift_slope_per_rad: f64,
-    /// Distance l_ht behind the centre of gravity.
-    pub arm_m: f64,
-}
+    /// The vertical fin, at the tail rotor's hub.
+    pub struct Fin {
+        /// Area S_vf.
+        area_m2: NOT_NEGATIVE,
+        /// Lift slope C_Lα,vf.
+        lift_slope_per_rad: NOT_NEGATIVE,
+        /// Share ε_vf of the fin in the tail rotor's wake.
+        tail_wake_share: NOT_NEGATIVE,
+    }
 
-/// Drag areas of the fuselage.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Fuselage {
-    /// Drag area S_x in forward flow.
-    pub forward_area_m2: f64,
-    /// Drag area S_y in sideways flow.
-    pub side_area_m2: f64,
-    /// Drag area S_z in vertical flow.
-    pub vertical_area_m2: f64,
-}
+    /// The horizontal stabiliser.
+    pub struct Stabiliser {
+        /// Area S_ht.
+        area_m2: NOT_NEGATIVE,
+        /// Lift slope C_Lα,ht.
+        lift_slope_per_rad: NOT_NEGATIVE,
+        /// Distance l_ht behind the centre of gravity.
+        arm_m: NOT_NEGATIVE,
+    }
 
-/// Engine or motor with zero idle power, and its governor.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Engine {
-    /// Maximum power P_max.
-    pub max_power_w: f64,
-    /// Throttle per rotor speed error, Kp_gov.
-    pub governor_gain_s_per_rad: f64,
-    /// Throttle per integral of the rotor speed error, Ki_gov.
-    pub governor_integral_gain_per_rad: f64,
-}
+    /// Drag areas of the fuselage.
+    pub struct Fuselage {
+        /// Drag area S_x in forward flow.
+        forward_area_m2: NOT_NEGATIVE,
+        /// Drag area S_y in sideways flow.
+        side_area_m2: NOT_NEGATIVE,
+        /// Drag area S_z in vertical flow.
+        vertical_area_m2: NOT_NEGATIVE,
+    }
 
-/// The yaw gyro.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Gyro {
-    /// Tail blade pitch per yaw rate error.
-    pub gain_s: f64,
-    /// Tail blade pitch per integral of the yaw rate error.
-    pub integral_gain: f64,
-    /// Yaw rate at full pedal.
-    pub max_rate_rad_s: f64,
-}
+    /// Engine or motor with zero idle power, and its governor.
+    pub struct Engine {
+        /// Maximum power P_max.
+        max_power_w: POSITIVE,
+        /// Throttle per rotor speed error, Kp_gov.
+        governor_gain_s_per_rad: NOT_NEGATIVE,
+        /// Throttle per integral of the rotor speed error, Ki_gov.
+        governor_integral_gain_per_rad: POSITIVE,
+    }
 
-/// Travel and lag of the servos.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Servos {
-    /// Cyclic blade pitch at full roll or pitch control.
-    pub cyclic_throw_rad: f64,
-    /// Collective blade pitch at collective control 0.
-    pub min_collective_rad: f64,
-    /// Collective blade pitch at collective control 1.
-    pub max_collective_rad: f64,
-    /// Lag τ_servo of each of the three servos.
-    pub lag_s: f64,
-    /// Controls that work in the opposite direction; none if the table is missing.
-    #[serde(default)]
-    pub reversed: Reversed,
+    /// The yaw gyro.
+    pub struct Gyro {
+        /// Tail blade pitch per yaw rate error.
+        gain_s: NOT_NEGATIVE,
+        /// Tail blade pitch per integral of the yaw rate error.
+        integral_gain: NOT_NEGATIVE,
+        /// Yaw rate at full pedal.
+        max_rate_rad_s: POSITIVE,
+    }
+
+    /// Travel and lag of the servos.
+    pub struct Servos {
+        /// Cyclic blade pitch at full roll or pitch control.
+        cyclic_throw_rad: POSITIVE,
+        /// Collective blade pitch at collective control 0.
+        min_collective_rad: ANY,
+        /// Collective blade pitch at collective control 1.
+        max_collective_rad: ANY,
+        /// Lag τ_servo of each of the three servos.
+        lag_s: LAG;
+        /// Controls that work in the opposite direction; none if the table is missing.
+        #[serde(default)]
+        reversed: Reversed,
+    }
+
+    /// Four points of ground contact, at (±forward, ±right, down) from the centre of gravity.
+    pub struct Skids {
+        /// Distance before and behind the centre of gravity.
+        forward_m: POSITIVE,
+        /// Distance right and left of the centre of gravity.
+        right_m: POSITIVE,
+        /// Distance below the centre of gravity.
+        down_m: POSITIVE,
+        /// Stiffness k of each point.
+        stiffness_n_m: POSITIVE,
+        /// Damping c of each point.
+        damping_n_s_m: NOT_NEGATIVE,
+        /// Friction coefficient μ.
+        friction: NOT_NEGATIVE,
+    }
 }
 
 impl Parameters {
@@ -214,22 +248,4 @@ pub struct Reversed {
     pub pitch: bool,
     /// A positive yaw control turns the nose left.
     pub yaw: bool,
-}
-
-/// Four points of ground contact, at (±forward, ±right, down) from the centre of gravity.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Skids {
-    /// Distance before and behind the centre of gravity.
-    pub forward_m: f64,
-    /// Distance right and left of the centre of gravity.
-    pub right_m: f64,
-    /// Distance below the centre of gravity.
-    pub down_m: f64,
-    /// Stiffness k of each point.
-    pub stiffness_n_m: f64,
-    /// Damping c of each point.
-    pub damping_n_s_m: f64,
-    /// Friction coefficient μ.
-    pub friction: f64,
 }

@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-use super::parameters::{self, Parameters};
+use super::parameters::{Parameters, RotorParameters};
 use crate::lanes::{Real, numbers};
 
 /// Lower bound of the tip speed in the coefficients, which divide by it, m/s.
@@ -56,8 +56,8 @@ pub(super) struct Inflow<R> {
 
 impl Rotor<f64> {
     /// A rotor whose speed is `gear_ratio` times the main shaft's.
-    pub(super) fn new(vehicle: &Parameters, rotor: &parameters::Rotor, gear_ratio: f64) -> Self {
-        let parameters::Rotor { radius_m, chord_m, lift_slope_per_rad, profile_drag, .. } = *rotor;
+    pub(super) fn new(vehicle: &Parameters, rotor: &RotorParameters, gear_ratio: f64) -> Self {
+        let RotorParameters { radius_m, chord_m, lift_slope_per_rad, profile_drag, .. } = *rotor;
         let solidity = 2.0 * chord_m / (PI * radius_m);
         let density_area = vehicle.air_density_kg_m3 * PI * radius_m * radius_m;
         Self {
@@ -83,11 +83,11 @@ impl Rotor<f64> {
     }
 
     /// The hover in still air with this thrust, which must not be negative: D = λ, hence λ = √(C_T/(2 η_w)).
-    pub(super) fn hovering(&self, thrust_n: f64, shaft_speed_rad_s: f64) -> Hovering {
+    pub(super) fn hovering(&self, thrust_n: f64, shaft_speed_rad_s: f64) -> HoveringRotor {
         let flow = self.flow(shaft_speed_rad_s, 0.0, 0.0);
         let c_t = thrust_n / self.thrust_n(1.0, &flow);
         let lambda = (c_t * self.half_inverse_contraction).sqrt();
-        Hovering {
+        HoveringRotor {
             thrust_n,
             lambda,
             theta: 3.0 * (c_t / self.half_lift + 0.5 * lambda),
@@ -157,7 +157,7 @@ impl<R: Real> Rotor<R> {
 
 /// One rotor in a hover.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hovering {
+pub(super) struct HoveringRotor {
     pub(super) thrust_n: f64,
     pub(super) lambda: f64,
     /// Blade pitch θ, rad.

@@ -4,7 +4,7 @@ use core::f64::consts::PI;
 
 use super::body::{self, Wrench};
 use super::parameters::Parameters;
-use super::rotor::{Hovering, Inflow, Rotor};
+use super::rotor::{HoveringRotor, Inflow, Rotor};
 use super::vector::Vector;
 use crate::lanes::{Real, numbers};
 
@@ -70,7 +70,7 @@ impl Tail<f64> {
 
     /// The tail rotor in a hover in which rotor and fin together push left with this force, N. The fin is in the
     /// rotor's wake and reduces the force by ½ρ S (ε v_i)².
-    pub(super) fn hovering(&self, force_n: f64, shaft_speed_rad_s: f64) -> Hovering {
+    pub(super) fn hovering(&self, force_n: f64, shaft_speed_rad_s: f64) -> HoveringRotor {
         let fin = self.fin_half_density_area * self.fin_wake_share * self.fin_wake_share;
         let thrust_n = force_n / (self.blockage - fin * self.rotor.induced_squared_per_thrust());
         self.rotor.hovering(thrust_n, shaft_speed_rad_s)

@@ -33,7 +33,7 @@ const STEP_S: f64 = 0.005;
 #[derive(Clone)]
 struct Flight {
     dynamics: Dynamics,
-    command: Command,
+    command: ServoCommand,
     state: State,
     time_s: f64,
 }
@@ -100,7 +100,7 @@ fn residual(dynamics: &Dynamics, velocity: Vector<f64>, unknowns: &Unknowns) -> 
     SVector::from([3, 4, 5, 10, 11, 12, 13, 14, 15, 21, 22].map(|i: usize| rate[i]))
 }
 
-fn unpack(velocity: Vector<f64>, unknowns: &Unknowns) -> (State, Command) {
+fn unpack(velocity: Vector<f64>, unknowns: &Unknowns) -> (State, ServoCommand) {
     let [roll, pitch, a1, b1, governor, gyro, lateral, longitudinal, collective, lambda, lambda_t] = unknowns.data.0[0];
     let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (math::sin_cos(0.5 * roll), math::sin_cos(0.5 * pitch));
     let quaternion = [cos_roll * cos_pitch, sin_roll * cos_pitch, cos_roll * sin_pitch, -sin_roll * sin_pitch];
@@ -109,7 +109,7 @@ fn unpack(velocity: Vector<f64>, unknowns: &Unknowns) -> (State, Command) {
     state[3..6].copy_from_slice(&[velocity.x, velocity.y, velocity.z]);
     state[6..10].copy_from_slice(&quaternion);
     state[13..].copy_from_slice(&[a1, b1, 167.0, governor, gyro, lateral, longitudinal, collective, lambda, lambda_t]);
-    let command = Command {
+    let command = ServoCommand {
         lateral_rad: lateral,
         longitudinal_rad: longitudinal,
         collective_rad: collective,

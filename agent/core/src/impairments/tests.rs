@@ -6,7 +6,7 @@ use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 
 use super::*;
-use crate::testing::{header, heartbeat, id, origin, received_state};
+use crate::tests::{header, heartbeat, id, origin, received_state};
 
 mod impaired;
 

@@ -10,7 +10,15 @@
 //! A vehicle that flies as its law commands is not the one that keeps the others waiting: in a crowded ring all of them move
 //! along it for minutes, and none comes nearer. Its time counts a tenth, so that it leaves at last too.
 
+use alloc::vec::Vec;
+
+use skein_common::message::{EventKind, Failure};
+use skein_common::state::Membership;
+use skein_common::time::PlantTime;
+
+use super::{AT_ALTITUDE_M, Mission, STUCK_M_S, View};
 use crate::deadlines::Deadline;
+use crate::estimate::Estimate;
 
 /// Fall of a remaining distance or time that counts, m or s: above the wander of a hover in gusts, far below what a vehicle
 /// flies in a minute.
@@ -18,7 +26,7 @@ const NEARER: f64 = 0.5;
 /// How many times as long a vehicle may come no nearer while it flies as its law commands.
 const PATIENCE: f64 = 10.0;
 
-/// What remains until the vehicle has reached its step. Each is at least 0.
+/// The distances and times that remain until the vehicle has reached its step. Each is at least 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Remaining {
     /// Distance from the formation's centre, m.
@@ -74,6 +82,48 @@ impl Approach {
     /// Whether the vehicle has come no nearer for this time, s.
     pub(super) fn has_stopped(&self, timeout_s: f64) -> bool {
         Deadline::NoProgress(timeout_s).is_past(self.idle_s)
+    }
+}
+
+impl Mission {
+    /// Watches whether the vehicle comes nearer to a step that it has to reach, so that the others can leave it.
+    pub(super) fn watch_approach(
+        &mut self,
+        dt_s: f64,
+        estimate: &Estimate,
+        view: &View,
+        happened: &mut Vec<EventKind>,
+    ) {
+        let has_next = self.at() as usize + 1 < self.legs.len();
+        let place = self.leg().filter(|leg| has_next && leg.needs_place());
+        let (Some(leg), Some(error_m), Some(altitude_error_m)) = (place, view.error_m, view.altitude_error_m) else {
+            return;
+        };
+        if self.is_complete {
+            return;
+        }
+        let (path_m, dwell_s) = self.progress.remaining(leg);
+        let (centre_ne_m, _) = self.progress.centre(leg);
+        let to_centre_m = (estimate.position.horizontal() - centre_ne_m).norm();
+        let nearing_m_s = -estimate.velocity.down_m_s() * altitude_error_m.signum();
+        let altitude_error_m = altitude_error_m.abs();
+        let follows = view.follows_law && (altitude_error_m < AT_ALTITUDE_M || nearing_m_s >= STUCK_M_S);
+        let remaining = Remaining { to_centre_m, error_m, altitude_error_m, path_m, dwell_s };
+        self.approach.update(dt_s, remaining, follows);
+        self.gave_up = self.approach.has_stopped(self.progress_timeout_s);
+        happened.extend(self.gave_up.then_some(EventKind::Failed(Failure::Place)));
+    }
+
+    /// Watches whether a vehicle in the air that could join does so. Otherwise it would hold its position for ever.
+    pub(super) fn watch_joining(&mut self, now: PlantTime, could_join: bool, happened: &mut Vec<EventKind>) {
+        let is_kept_out = could_join && self.membership() == Membership::Joining;
+        let since = self.kept_out_since.take().unwrap_or(now);
+        self.kept_out_since = is_kept_out.then_some(since);
+        let is_past = Deadline::NoProgress(self.progress_timeout_s).is_past(now.seconds_since(since));
+        if is_kept_out && is_past && !self.gave_up {
+            self.gave_up = true;
+            happened.push(EventKind::Failed(Failure::Place));
+        }
     }
 }
 

@@ -16,18 +16,13 @@ pub struct LegProgress {
     spent_s: f64,
     /// Time in place without interruption, s.
     placed_s: f64,
-    /// Progress of the centre along the path, m.
-    along_m: f64,
+    /// Progress of the centre along the step's path, m.
+    pub(super) along_m: f64,
     /// Speed of the centre along the path, m/s.
     speed_m_s: f64,
 }
 
 impl LegProgress {
-    /// Progress of the centre along the step's path, m.
-    pub fn along_m(&self) -> f64 {
-        self.along_m
-    }
-
     /// Begins another step without a pause.
     pub fn begin_next(&mut self) {
         *self = Self { last: self.last, ..Self::default() };
@@ -79,7 +74,7 @@ impl LegProgress {
         }
     }
 
-    /// What remains of this step: the centre's way along its path, m, and the time for which the vehicle has to be in place, s.
+    /// The rest of this step: the centre's way along its path, m, and the time for which the vehicle has to be in place, s.
     pub fn remaining(&self, leg: &Leg) -> (f64, f64) {
         let path_m = match &leg.kind {
             Kind::Path(path) => (path.length_m() - self.along_m).max(0.0),

@@ -1,10 +1,10 @@
-//! What a vehicle does that does not fly its formation: it holds its place, lands, or leaves its controls to a human pilot.
+//! The behaviour of a vehicle that does not fly its formation: it holds its place, lands, or leaves its controls to a human pilot.
 
 use skein_common::state::{Activity, Membership};
 use skein_common::time::Now;
 
 use super::landing::{Descent, Landing};
-use super::{FLYING_ABOVE_M, Mission, Place, Task};
+use super::{FLYING_ABOVE_M, Mission, StayPlace, Task};
 use crate::estimate::Estimate;
 use crate::failsafe::Response;
 
@@ -47,14 +47,14 @@ impl Mission {
 
     pub(super) fn stay(&mut self, estimate: &Estimate, activity: Activity) -> Task {
         self.activity = activity;
-        let Place { at_ne_m, altitude_m } = *self.place(estimate);
+        let StayPlace { at_ne_m, altitude_m } = *self.place(estimate);
         let lands = activity == Activity::Landing;
         Task::Stay { at_ne_m, altitude_m, heading_rad: self.heading_rad, lands }
     }
 
     /// The position of the stay: that of the vehicle when the stay began.
-    fn place(&mut self, estimate: &Estimate) -> &mut Place {
-        self.stay.get_or_insert_with(|| Place {
+    fn place(&mut self, estimate: &Estimate) -> &mut StayPlace {
+        self.stay.get_or_insert_with(|| StayPlace {
             at_ne_m: estimate.position.horizontal(),
             altitude_m: estimate.position.altitude_m(),
         })

@@ -1,3 +1,5 @@
+mod approach;
+mod landing;
 mod orders;
 
 use proptest::prelude::*;
@@ -5,7 +7,7 @@ use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNe
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::testing::{header, heartbeat, id, progress, report};
+use crate::tests::{header, heartbeat, id, progress, report};
 
 const LAND: Order = Order { epoch: 2, issuer: 1, verb: Verb::Land, vehicles: None, signature: None };
 const HOLD: Order = Order { epoch: 1, issuer: 1, verb: Verb::Hold, vehicles: None, signature: None };
@@ -63,7 +65,7 @@ impl One {
     }
 
     fn step_at(&mut self, seconds: f64, estimate: &Estimate) -> Task {
-        let plan = self.mission.plan();
+        let plan = self.mission.plan;
         let heartbeats = self.heartbeats.iter().filter(|last| self.contact.contains(last.header.sender));
         let heartbeats = heartbeats.filter(|last| last.plan == plan).map(progress);
         self.view.revision += 1;
@@ -84,7 +86,7 @@ impl One {
 
     fn heartbeat(&mut self, sender: u8, step: u32, reached: Option<u32>, progress_m: f64) -> message::Heartbeat {
         self.sequence += 1;
-        let plan = self.mission.plan();
+        let plan = self.mission.plan;
         message::Heartbeat {
             plan,
             step,
@@ -116,10 +118,10 @@ fn after_two_seconds_of_listening_the_vehicle_takes_off_with_its_first_heading()
     assert_eq!(one.mission.membership(), Membership::Joining);
     let goal = formation(one.step(7.0, 0.24));
     assert_eq!((goal.step, goal.centre_ne_m, goal.heading_rad), (0, Vector2::new(3.0, 4.0), 1.0));
-    assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Active, Activity::TakingOff));
+    assert_eq!((one.mission.membership(), one.mission.activity), (Membership::Active, Activity::TakingOff));
     one.view.altitude_error_m = Some(0.0);
     one.step(20.0, 29.5);
-    assert_eq!(one.mission.activity(), Activity::Formation);
+    assert_eq!(one.mission.activity, Activity::Formation);
 }
 
 #[test]
@@ -273,7 +275,7 @@ fn the_last_step_lands() {
         one.step(f64::from(second), 30.0);
     }
     assert!(one.mission.is_at_landing());
-    assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Left, Activity::Landing));
+    assert_eq!((one.mission.membership(), one.mission.activity), (Membership::Left, Activity::Landing));
 }
 
 #[test]
@@ -320,7 +322,7 @@ fn a_vehicle_holds_while_alone_and_continues_when_a_peer_is_back() {
     one.view.conditions.insert(Condition::AllPeersLost);
     let held = one.step(21.0, 30.0);
     assert!(matches!(held, Task::Stay { altitude_m: 30.0, .. }));
-    assert_eq!(one.mission.activity(), Activity::Holding);
+    assert_eq!(one.mission.activity, Activity::Holding);
     let mut elsewhere = estimate(30.0, 0.0);
     elsewhere.position = PositionNed::new(50.0, 50.0, -30.0);
     assert_eq!(one.step_at(22.0, &elsewhere), held, "the position does not drift with the vehicle");
@@ -346,7 +348,7 @@ fn the_larger_order_wins() {
         one.order(order);
     }
     assert_eq!(one.take_events(), [EventKind::OrderTaken(HOLD), EventKind::OrderTaken(LAND)]);
-    assert_eq!(one.mission.orders().largest(), Some(LAND));
+    assert_eq!(one.mission.orders.largest(), Some(LAND));
 }
 
 #[test]
@@ -363,7 +365,7 @@ fn a_landing_can_be_recalled_but_an_abort_cannot() {
     one.order(Order { verb: Verb::Abort, ..LAND });
     one.order(later);
     assert!(matches!(one.step(21.0, 28.0), Task::Stay { .. }));
-    assert_eq!(one.mission.activity(), Activity::Landing);
+    assert_eq!(one.mission.activity, Activity::Landing);
 }
 
 #[test]
@@ -372,215 +374,21 @@ fn a_failure_makes_the_vehicle_land_despite_any_order() {
     one.order(HOLD);
     one.view.conditions.insert(Failure::Gyro.into());
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
-    assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Left, Activity::Landing));
+    assert_eq!((one.mission.membership(), one.mission.activity), (Membership::Left, Activity::Landing));
     one.view.conditions.insert(Failure::Engine.into());
     assert!(matches!(one.step(20.1, 30.0), Task::Autorotate { .. }));
-}
-
-/// The mission after 27 s at a height of 25 m, `error_m` below the altitude, climbing at `climb_m_s`.
-fn flown(more: &str, error_m: f64, climb_m_s: f64, collective_limit: Option<CollectiveLimit>) -> One {
-    let mut one = One::active(ONE, more);
-    (one.view.altitude_error_m, one.view.collective_limit) = (Some(error_m), collective_limit);
-    for second in 3..30 {
-        one.step_at(f64::from(second), &estimate(25.0, -climb_m_s));
-    }
-    one
-}
-
-#[test]
-fn a_vehicle_off_its_altitude_with_no_collective_left_lands() {
-    use CollectiveLimit::{Highest, Lowest};
-    // Held there, or moving away from its altitude.
-    for (error_m, climb_m_s, limit) in [(5.0, 0.0, Highest), (5.0, -2.0, Highest), (-5.0, 0.2, Lowest)] {
-        let mut one = flown("", error_m, climb_m_s, Some(limit));
-        assert_eq!(one.mission.membership(), Membership::Left, "{error_m} m, {climb_m_s} m/s");
-        assert_eq!(one.take_events(), [EventKind::Failed(Failure::Altitude)]);
-        assert!(one.mission.is_stuck());
-    }
-    let mut one = One::active(ONE, "");
-    (one.view.altitude_error_m, one.view.collective_limit) = (Some(20.0), Some(Highest));
-    for second in 3..23 {
-        one.step(f64::from(second), 12.0);
-    }
-    assert_eq!(one.mission.membership(), Membership::Active, "19 s");
-}
-
-/// Vehicle 1 at its altitude for 200 s, with this position error of each second; the second after which it has left.
-fn approaching(steps: &str, more: &str, error_m: impl Fn(u16) -> f64) -> (One, Option<u16>) {
-    let mut one = One::active(steps, more);
-    one.view.altitude_error_m = Some(0.0);
-    let left = (3..203).find(|&second| {
-        one.view.error_m = Some(error_m(second));
-        one.step(f64::from(second), 30.0);
-        one.mission.membership() == Membership::Left
-    });
-    (one, left)
-}
-
-#[test]
-fn a_vehicle_that_comes_no_nearer_to_its_step_reports_it_leaves_and_lands() {
-    let (mut one, left) = approaching(TWO, "", |_| 12.0);
-    assert_eq!(left, Some(65), "a minute after its first setpoint");
-    assert_eq!(one.take_events(), [EventKind::Failed(Failure::Place)]);
-    assert!(one.mission.has_given_up());
-    assert_eq!(one.mission.activity(), Activity::Landing);
-    one.receive(2, 1, None, 0.0);
-    one.receive(3, 1, None, 0.0);
-    one.step(204.0, 30.0);
-    assert_eq!(one.mission.membership(), Membership::Left, "also when the others have gone to the next step");
-    let (_, left) = approaching(TWO, "mission.progress_timeout_s = 20.0", |_| 12.0);
-    assert_eq!(left, Some(25));
-}
-
-#[test]
-fn a_vehicle_in_the_air_that_cannot_join_reports_it_leaves_and_lands() {
-    let mut one = One::new(TWO, "");
-    one.view.position_is_stuck = true;
-    let left = (0..200).find(|&second| {
-        one.step(f64::from(second), 30.0);
-        one.mission.membership() == Membership::Left
-    });
-    assert!(left.is_some_and(|second| (60..70).contains(&second)), "{left:?}");
-    assert_eq!(one.take_events(), [EventKind::Failed(Failure::Place)]);
-    let mut on_ground = One::new(TWO, "");
-    on_ground.view.position_is_stuck = true;
-    (0..200).for_each(|second| {
-        on_ground.step(f64::from(second), 0.24);
-    });
-    assert_eq!(on_ground.mission.membership(), Membership::Joining, "on the ground it keeps no place in the air");
-}
-
-#[test]
-fn a_vehicle_that_comes_nearer_or_keeps_no_other_waiting_stays() {
-    // Slowly against the wind.
-    assert_eq!(approaching(TWO, "", |second| 12.0 - 0.02 * f64::from(second)).1, None);
-    // The last step has no end that others wait for.
-    assert_eq!(approaching(ONE, "", |_| 12.0).1, None);
-    // The time of a hold passes without its help.
-    assert_eq!(approaching("{ hold_s = 500.0 }, { centre_ne_m = [9, 9] }", "", |_| 12.0).1, None);
-    // The centre comes along its path.
-    let path = "{ path_ne_m = [[0, 0], [900, 0]] }, { centre_ne_m = [9, 9] }";
-    assert_eq!(approaching(path, "", |_| 12.0).1, None);
-}
-
-#[test]
-fn time_on_hold_and_a_change_of_the_members_begin_the_wait_for_progress_anew() {
-    let mut one = One::active(TWO, "");
-    (one.view.altitude_error_m, one.view.error_m) = (Some(0.0), Some(12.0));
-    let fly = |one: &mut One, seconds: std::ops::Range<u16>| {
-        for second in seconds {
-            one.step(f64::from(second), 30.0);
-        }
-        one.mission.membership()
-    };
-    assert_eq!(fly(&mut one, 3..60), Membership::Active);
-    one.order(HOLD);
-    assert_eq!(fly(&mut one, 60..200), Membership::Active);
-    one.receive(2, 0, None, 0.0);
-    one.order(Order { epoch: 2, verb: Verb::Goto(0), ..HOLD });
-    assert_eq!(fly(&mut one, 200..255), Membership::Active, "vehicle 2 has come");
-    assert_eq!(fly(&mut one, 255..270), Membership::Left);
-}
-
-#[test]
-fn a_vehicle_with_collective_left_is_healthy_at_any_altitude() {
-    use CollectiveLimit::{Highest, Lowest};
-    for (error_m, climb_m_s, limit) in [
-        // Gusts and a changing wind hold it off its altitude while its trim is found.
-        (-2.5, 0.0, None),
-        (15.0, 0.0, None),
-        // The collective limit in the other direction.
-        (-5.0, 0.0, Some(Highest)),
-        (5.0, 0.0, Some(Lowest)),
-        // On its way to its altitude, or at it.
-        (-15.0, -1.0, Some(Lowest)),
-        (15.0, 1.0, Some(Highest)),
-        (0.9, 0.0, Some(Highest)),
-    ] {
-        let one = flown("", error_m, climb_m_s, limit);
-        assert_eq!(one.mission.membership(), Membership::Active, "{error_m} m, {climb_m_s} m/s, {limit:?}");
-    }
-}
-
-#[test]
-fn a_low_hover_is_not_a_touchdown() {
-    let mut one = One::active(ONE, "");
-    one.order(HOLD);
-    one.step(3.0, 2.5);
-    one.order(LAND);
-    for tick in 0..60 {
-        // The vehicle does not follow yet.
-        let task = one.step(4.0 + 0.02 * f64::from(tick), 2.5);
-        assert!(matches!(task, Task::Stay { .. }), "{task:?} after {tick} frames");
-    }
-}
-
-#[test]
-fn a_landing_from_below_the_held_altitude_only_descends() {
-    let mut one = One::active(ONE, "");
-    one.order(HOLD);
-    one.step(3.0, 40.0);
-    one.order(LAND);
-    one.step(4.0, 30.0);
-    let Task::Stay { altitude_m, .. } = one.step(4.02, 30.0) else { panic!("it must descend") };
-    assert!(altitude_m < 30.0, "{altitude_m}");
-}
-
-#[test]
-fn a_landing_descends_gently_unloads_and_leaves() {
-    assert_lands("", 0.0);
-    // In wind without auto-trim, the vehicle stays above its setpoint.
-    assert_lands("control.auto_trim = false", 0.0);
-    assert_lands("control.auto_trim = false", 7.6);
-}
-
-/// Lands a vehicle that follows its altitude setpoint with a lag, at this height above it.
-fn assert_lands(keys: &str, above_m: f64) {
-    let mut one = One::active(ONE, keys);
-    one.order(LAND);
-    let (mut altitude_m, mut seconds, mut fastest_m_s) = (30.0, 20.0, 0.0_f64);
-    let mut last_m_s = 0.0;
-    while one.mission.activity() != Activity::Landed {
-        seconds += 0.02;
-        assert!(seconds < 90.0, "the vehicle has not landed");
-        let sink_m_s = match one.step_at(seconds, &estimate(altitude_m, last_m_s)) {
-            Task::Stay { altitude_m: command_m, .. } => (altitude_m - command_m - above_m) * 0.8,
-            task => {
-                assert_eq!(task, Task::Park);
-                0.0
-            }
-        };
-        let next_m = (altitude_m - sink_m_s * 0.02).max(0.24);
-        last_m_s = (altitude_m - next_m) / 0.02;
-        altitude_m = next_m;
-        fastest_m_s = fastest_m_s.max(last_m_s);
-        assert!(altitude_m > 1.0 || last_m_s < 1.0, "touches down with {last_m_s} m/s");
-    }
-    assert_eq!(one.mission.membership(), Membership::Left);
-    assert!(altitude_m < 0.3 && fastest_m_s < 2.5, "{altitude_m} m, {fastest_m_s} m/s");
-}
-
-#[test]
-fn an_order_to_land_on_the_ground_causes_no_take_off() {
-    let mut one = One::new(ONE, "");
-    one.order(LAND);
-    for tick in 0..300 {
-        let task = one.step(f64::from(tick) * 0.02, 0.24);
-        assert!(matches!(task, Task::Wait | Task::Park), "{task:?}");
-    }
-    assert_eq!(one.mission.activity(), Activity::Landed);
 }
 
 #[test]
 fn orders_spread_among_peers_with_the_same_plan() {
     let mut one = One::active(ONE, "");
     let friend = message::Heartbeat { order: Some(LAND), ..one.heartbeat(2, 0, None, 0.0) };
-    let stranger = message::Heartbeat { plan: friend.plan ^ 1, ..friend };
-    for heartbeat in [stranger, stranger] {
+    let other_plan = message::Heartbeat { plan: friend.plan ^ 1, ..friend };
+    for heartbeat in [other_plan, other_plan] {
         one.mission.take_report(&report(&heartbeat), &mut one.events);
     }
     assert_eq!(one.take_events(), [EventKind::PlanDiffers(id(2))], "reported once");
-    assert_eq!(one.mission.orders().largest(), None, "an order of another plan is ignored");
+    assert_eq!(one.mission.orders.largest(), None, "an order of another plan is ignored");
     for heartbeat in [friend, friend] {
         one.mission.take_report(&report(&heartbeat), &mut one.events);
     }
@@ -606,7 +414,7 @@ fn no_vehicle_becomes_active_before_its_rotor_is_at_speed() {
             &mut one.events,
         );
     }
-    assert_eq!(leaving.activity(), Activity::Landed, "a vehicle that leaves does not wait for the rotor");
+    assert_eq!(leaving.activity, Activity::Landed, "a vehicle that leaves does not wait for the rotor");
     formation(one.step_at(9.1, &with_rotor(Some(151.0))));
     let mut unmeasured = One::new(ONE, "");
     unmeasured.mission.take_off_rotor_rad_s = Some(150.0);
@@ -617,10 +425,10 @@ fn no_vehicle_becomes_active_before_its_rotor_is_at_speed() {
 /// The heartbeat of a mission's vehicle.
 fn heartbeat_of(mission: &Mission, number: u8, sequence: u64) -> message::Heartbeat {
     message::Heartbeat {
-        plan: mission.plan(),
+        plan: mission.plan,
         membership: mission.membership(),
         step: mission.at(),
-        vouched: mission.vouched(),
+        vouched: mission.agreement_state().vouched,
         reached: mission.reached(),
         progress_m: mission.progress_m(),
         ..heartbeat(header(number, sequence))

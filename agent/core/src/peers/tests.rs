@@ -5,7 +5,7 @@ use skein_common::scenario::{Graph, Source, load};
 use skein_common::state::VehicleState;
 
 use super::*;
-use crate::testing::{self, heartbeat, id, origin, progress, received_state};
+use crate::tests::{self as testing, heartbeat, id, origin, progress, received_state};
 
 mod ages;
 mod plain;
@@ -138,8 +138,8 @@ fn messages_with_the_own_id_or_an_unknown_one_are_forged() {
 #[test]
 fn a_peer_with_another_plan_is_an_obstacle() {
     let mut table = PeersStage::new();
-    let stranger = heartbeat_of(header(2, 1, 1), 99, Membership::Active);
-    table.receive(1.0, &[state(2, 1, 1, 0.0), PeerMessage::Mission(stranger)]);
+    let other_plan = heartbeat_of(header(2, 1, 1), 99, Membership::Active);
+    table.receive(1.0, &[state(2, 1, 1, 0.0), PeerMessage::Mission(other_plan)]);
     assert!(matches!(table.only().role, Role::Obstacle { .. }));
 }
 

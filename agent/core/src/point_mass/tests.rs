@@ -1,3 +1,4 @@
+use nalgebra::Vector2;
 use proptest::prelude::*;
 use skein_common::scenario::{Source, load};
 

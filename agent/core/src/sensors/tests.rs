@@ -3,7 +3,7 @@ use skein_common::scenario::{Source, load};
 use skein_common::time::PlantTime;
 
 use super::*;
-use crate::testing::id;
+use crate::tests::id;
 
 const TICK_NS: u64 = 20_000_000;
 

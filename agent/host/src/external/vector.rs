@@ -4,9 +4,11 @@
 //! than 15 peers the nearest have a row, ordered by id.
 
 use nalgebra::{Vector2, Vector3};
+use skein_common::frame::PositionNed;
 
 use super::protocol::{Fault, PROTOCOL, is_sane, vehicle_id, whole_f64};
-use skein_core::formation::external::{LawQuery, LawReply, PeerState, ReplyCommand};
+use skein_core::formation::external::{LawQuery, LawReply, ReplyCommand};
+use skein_core::formation::law::Neighbour;
 
 /// Neighbouring values of a vector: how many, and what they are.
 #[derive(Clone, Copy, Debug)]
@@ -77,7 +79,7 @@ const KIND_FIELD: f64 = 2.0;
 /// Encodes a query.
 pub fn write(ask: &LawQuery) -> Vec<u8> {
     let LawQuery { vehicle, tick, time_s, dt_s, own, peers, goal } = ask;
-    let peers = nearest(own.position_ned_m.into(), peers);
+    let peers = nearest(own.position, peers);
     let mut values = Vec::with_capacity(ASK);
     let mut put = |part: &Part, its: &[f64]| {
         debug_assert_eq!(its.len(), part.values, "{}", part.meaning);
@@ -90,11 +92,11 @@ pub fn write(ask: &LawQuery) -> Vec<u8> {
         &[*time_s],
         &[*dt_s],
         &[goal.step as f64],
-        &own.position_ned_m,
-        &own.velocity_ned_m_s,
+        own.position.0.as_slice(),
+        own.velocity.0.as_slice(),
         &[own.heading_rad],
-        &goal.centre_ned_m,
-        &goal.centre_velocity_ned_m_s,
+        goal.centre.0.as_slice(),
+        goal.centre_velocity.0.as_slice(),
         &[goal.heading_rad],
         &[goal.radius_m, goal.gamma],
         &[peers.len() as f64],
@@ -103,7 +105,7 @@ pub fn write(ask: &LawQuery) -> Vec<u8> {
     QUERY.iter().zip(head).for_each(|(part, its)| put(part, its));
     for peer in peers {
         let row: [&[f64]; PEER.len()] =
-            [&[peer.id.get().into()], &peer.position_ned_m, &peer.velocity_ned_m_s, &[peer.age_s]];
+            [&[peer.id.get().into()], peer.position.0.as_slice(), peer.velocity.0.as_slice(), &[peer.age_s]];
         PEER.iter().zip(row).for_each(|(part, its)| put(part, its));
     }
     values.resize(ASK, 0.0);
@@ -111,9 +113,9 @@ pub fn write(ask: &LawQuery) -> Vec<u8> {
 }
 
 /// The nearest peers, ordered by id.
-fn nearest(own_m: Vector3<f64>, peers: &[PeerState]) -> Vec<&PeerState> {
-    let distance_m = |peer: &PeerState| (Vector3::from(peer.position_ned_m) - own_m).norm();
-    let mut nearest: Vec<&PeerState> = peers.iter().collect();
+fn nearest(own: PositionNed, peers: &[Neighbour]) -> Vec<&Neighbour> {
+    let distance_m = |peer: &Neighbour| (peer.position - own).norm();
+    let mut nearest: Vec<&Neighbour> = peers.iter().collect();
     nearest.sort_by(|one, other| distance_m(one).total_cmp(&distance_m(other)));
     nearest.truncate(PEERS);
     nearest.sort_by_key(|peer| peer.id);

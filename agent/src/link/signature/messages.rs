@@ -53,7 +53,7 @@ impl VerificationError {
             Self::Undecodable(DecodeError::Version(_)) => Reason::OtherVersion,
             Self::Undecodable(_) => Reason::Undecodable,
             Self::OtherName | Self::NoSeal => Reason::Forged,
-            Self::Stranger => Reason::Stranger,
+            Self::Stranger => Reason::UnknownVehicle,
         }
     }
 }

@@ -192,8 +192,8 @@ fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
         (Reason::Old, "vehicle/4/state"),
         (Reason::OtherPlan, "vehicle/2/mission"),
         (Reason::Forged, "vehicle/1/state"),
-        (Reason::Stranger, "vehicle/5/alive"),
-        (Reason::Stranger, "vehicle/9/state"),
+        (Reason::UnknownVehicle, "vehicle/5/alive"),
+        (Reason::UnknownVehicle, "vehicle/9/state"),
     ];
     assert_eq!(named, expected.map(|(reason, key)| (reason, key.to_owned(), 1)));
     assert_eq!(agent.drops(), Drops { forged: 3, other_plan: 1, old: 1, ..Drops::default() });

@@ -235,7 +235,7 @@ impl Swarm {
         }
         self.withstand(attack);
         for link in [&self.one, &self.two] {
-            let known = [Reason::Forged, Reason::Stranger, Reason::Undecodable, Reason::Unsealed, Reason::Old];
+            let known = [Reason::Forged, Reason::UnknownVehicle, Reason::Undecodable, Reason::Unsealed, Reason::Old];
             assert_eq!(link.receiver.refused().iter().find(|kind| !known.contains(&kind.reason)), None);
         }
     }

@@ -2,7 +2,8 @@
 
 use strsim::osa_distance;
 
-use super::{KEYS, Key, formation_table_of_step, join, pattern};
+use super::{KEYS, formation_table_of_step, join, pattern};
+use crate::scenario::key::Key;
 
 /// Keys, choices and orders that are never suggested, because they land or abort the swarm: a user who accepts a suggestion
 /// without reading it must not end the flight. If one of them is the most similar, nothing is suggested. Error messages

@@ -2,36 +2,39 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The volume that the swarm may fly in.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Airspace {
-    /// Corners of a convex polygon that the vehicles stay inside, each north and east of the origin, m; empty: no fence.
-    #[serde(default)]
-    pub fence_ne_m: Vec<[f64; 2]>,
-    /// Greatest altitude setpoint above the origin, m; `None`: no ceiling.
-    pub ceiling_m: Option<f64>,
-    /// Least altitude setpoint above the origin of a vehicle that does not land, m; `None`: no floor.
-    pub floor_m: Option<f64>,
-    /// Least altitude setpoint above the ground below a vehicle that does not land, m, as its height is measured; `None`: no
-    /// such floor.
-    pub floor_above_ground_m: Option<f64>,
-    /// Horizontal distance that the vehicles keep from the fence and from obstacles, m.
-    pub margin_m: f64,
-    /// Things that stand in the airspace.
-    pub obstacles: Vec<StaticObstacle>,
-}
+use super::super::key::keys;
 
-/// A cylinder or a box that stands on the ground, an entry of `airspace.obstacles`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StaticObstacle {
-    /// Its middle, north and east of the origin, m.
-    pub centre_ne_m: [f64; 2],
-    /// Radius of a cylinder, m.
-    pub radius_m: Option<f64>,
-    /// Lengths of a box to the north and to the east, m.
-    pub size_ne_m: Option<[f64; 2]>,
-    /// Altitude of its top above the origin, m; `None`: no vehicle flies over it.
-    pub top_m: Option<f64>,
+keys! {
+    /// The volume that the swarm may fly in.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct Airspace at "airspace." {
+        #[serde(default)]
+        fence_ne_m: Vec<[f64; 2]> = Path, Nothing,
+            "corners of a convex polygon that the vehicles stay inside; without it there is no fence";
+        ceiling_m: Option<f64> = above_zero_or("none", 1e5), text("none"),
+            "greatest altitude above the origin that a vehicle is sent to";
+        floor_m: Option<f64> = above_zero_or("none", 1e5), text("none"),
+            "least altitude above the origin that a vehicle is sent to unless it lands";
+        floor_above_ground_m: Option<f64> = above_zero_or("none", 1e5), text("none"),
+            "least height above the ground below it that a vehicle is sent to unless it lands, as it measures its height; it outranks the ceiling";
+        margin_m: f64 = from(0.0, 1e3), number(10.0),
+            "horizontal distance that the vehicles keep from the fence and from obstacles; 10 m is for wind and for the lag of a vehicle";
+        obstacles: Vec<StaticObstacle> = Tables, Nothing,
+            "cylinders and boxes that stand on the ground and that the vehicles fly around";
+    }
+
+    /// A cylinder or a box that stands on the ground, an entry of `airspace.obstacles`.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct StaticObstacle at "airspace.obstacles[N]." {
+        centre_ne_m: [f64; 2] = Point, Required,
+            "middle of the obstacle";
+        radius_m: Option<f64> = above_zero(1e5), Nothing,
+            "radius of a cylinder; an obstacle has this or size_ne_m";
+        size_ne_m: Option<[f64; 2]> = Point, Nothing,
+            "lengths of a box to the north and to the east; an obstacle has this or radius_m";
+        top_m: Option<f64> = above_zero(1e5), Nothing,
+            "altitude of the top above the origin; vehicles 5 m above it fly over the obstacle. Without it none does";
+    }
 }
 
 impl Default for Airspace {

@@ -2,24 +2,29 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Formation, Setting};
+use super::super::key::declare::*;
+use super::super::key::keys;
+use super::{Formation, Setting, TunableKey};
 use crate::id::VehicleId;
 
-/// The mission, `[mission]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Mission {
-    /// The steps; there is at least one. The swarm stays in the last one, unless that is a landing.
-    pub steps: Vec<Step>,
-    /// Scheduled faults and orders, in the order of the file.
-    pub events: Vec<ScriptedEvent>,
-    /// Speed of the centre on a path, m/s, unless the step sets another.
-    pub speed_m_s: f64,
-    /// Time for which a vehicle has to be in place to report "reached", s, unless the step sets another.
-    pub dwell_s: f64,
-    /// Time after which a vehicle that comes no nearer to its step leaves and lands, s.
-    pub progress_timeout_s: f64,
-    /// Behaviour of a swarm that the network splits.
-    pub partition: Partition,
+keys! {
+    /// The mission, `[mission]`.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct Mission at "mission." {
+        /// The steps; there is at least one. The swarm stays in the last one, unless that is a landing.
+        steps: Vec<Step>;
+        /// Scheduled faults and orders, in the order of the file.
+        events: Vec<ScriptedEvent>;
+        speed_m_s: f64 = above_zero(20.0), number(2.0),
+            "speed of the centre on a path; without feed-forward vehicles can follow only the 1 m/s of Garcia & Barnes 2010",
+            paper(number(1.0));
+        dwell_s: f64 = from(0.0, 600.0), number(3.0),
+            "how long a vehicle has to be in place before it reports \"reached\", so that flying through the place does not count";
+        progress_timeout_s: f64 = from(5.0, 1e6), number(60.0),
+            "how long a vehicle may come no nearer to a step that others wait to leave, before it reports so, leaves the swarm and lands";
+        partition: Partition = OneOf(&["continue", "quorum"]), text("continue"),
+            "what a swarm does when the network splits it: every partition continues the mission, or only one with more than half the vehicles";
+    }
 }
 
 /// One step of the mission.
@@ -203,4 +208,104 @@ pub enum Partition {
     Continue,
     /// Only a partition with more than half of the vehicles continues the mission.
     Quorum,
+}
+
+/// The keys of `mission.steps`.
+#[rustfmt::skip]
+pub(in crate::scenario) const STEP_KEYS: &[Key] = &[
+    Key::new("mission.steps", Tables, as_toml("[{ centre_ne_m = [0.0, 0.0] }]"),
+        "steps of the mission, flown one after the other; the swarm stays in the last one. By default it gathers at the origin"),
+    Key::new("mission.steps[N].name", Text, Nothing,
+        "name of the step for people"),
+    Key::new("mission.steps[N].centre_ne_m", Point, Nothing,
+        "place of the formation's centre; the step ends when every live vehicle has reached its place"),
+    Key::new("mission.steps[N].hold_s", above_zero(1e6), Nothing,
+        "stay for this time, measured on each agent's own clock"),
+    Key::new("mission.steps[N].path_ne_m", Path, Nothing,
+        "line along which the formation's centre moves"),
+    Key::new("mission.steps[N].land", True, Nothing,
+        "land each vehicle where it is; only in the last step"),
+    Key::new("mission.steps[N].dwell_s", from(0.0, 600.0), Same("mission.dwell_s"),
+        "mission.dwell_s for this step"),
+    Key::new("mission.steps[N].speed_m_s", above_zero(20.0), Same("mission.speed_m_s"),
+        "mission.speed_m_s for this step"),
+];
+
+/// The keys of `mission.events`.
+#[rustfmt::skip]
+pub(in crate::scenario) const EVENT_KEYS: &[Key] = &[
+    Key::new("mission.events", Tables, Nothing,
+        "scheduled faults and orders; by default nothing happens"),
+    Key::new("mission.events[N].at_s", from(0.0, 1e6), Required,
+        "when it happens, counted from each vehicle's own take-off"),
+    Key::new("mission.events[N].for_s", above_zero(1e6), Nothing,
+        "how long it lasts; without it, to the end"),
+    Key::new("mission.events[N].fault", OneOf(FAULTS), Nothing,
+        "fault to inject; an event has this or order"),
+    Key::new("mission.events[N].order", OneOf(ORDERS), Nothing,
+        "order to give; an event has this or fault"),
+    Key::new("mission.events[N].vehicle", Id, Nothing,
+        "vehicle that the fault affects"),
+    Key::new("mission.events[N].from", Ids, Nothing,
+        "senders of a cut or delayed link"),
+    Key::new("mission.events[N].to", Ids, Nothing,
+        "receivers of a cut or delayed link"),
+    Key::new("mission.events[N].both_ways", Bool, flag(false),
+        "the fault affects the other direction too; a radio often fails in one direction only"),
+    Key::new("mission.events[N].delay_s", above_zero(60.0), Nothing,
+        "what fault = \"delay\" adds to the delay of the links"),
+    Key::new("mission.events[N].servo", OneOf(&["roll", "pitch", "collective"]), text("roll"),
+        "servo that is stuck under fault = \"servo_stuck\""),
+    Key::new("mission.events[N].by_s", from(-1e9, 1e9), number(3600.0),
+        "how far the clock jumps under fault = \"clock_jump\"; an hour, as a wrong time zone makes it"),
+    Key::new("mission.events[N].step", Integer(0, 10_000), Nothing,
+        "step to which order = \"goto\" sends the swarm, counted from 0").unit_is("1"),
+    Key::new("mission.events[N].vehicles", Ids, Nothing,
+        "vehicles that the order names; without it the whole swarm"),
+    Key::new("mission.events[N].key", OneOf(TunableKey::PATHS), Nothing,
+        "key that order = \"set\" changes in flight"),
+    Key::new("mission.events[N].value", from(-1e6, 1e6), Nothing,
+        "new value of that key, in its range").unit_is("in the key's unit"),
+];
+
+/// Keys of an event besides `at_s` and `for_s`: the event's kind, its required keys, its optional keys.
+pub(in crate::scenario) type Rule = (&'static str, &'static [&'static str], &'static [&'static str]);
+
+/// Keys of each kind of fault.
+pub(in crate::scenario) const FAULT_RULES: [Rule; 11] = [
+    ("kill", &["vehicle"], &[]),
+    ("cut", &["from", "to"], &["both_ways"]),
+    ("delay", &["from", "to", "delay_s"], &["both_ways"]),
+    ("engine_out", &["vehicle"], &[]),
+    ("simulator_freeze", &["vehicle"], &[]),
+    ("servo_stuck", &["vehicle"], &["servo"]),
+    ("gyro_off", &["vehicle"], &[]),
+    ("gps_frozen", &["vehicle"], &[]),
+    ("clock_jump", &["vehicle"], &["by_s"]),
+    ("kill_control", &[], &[]),
+    ("isolate", &[], &["both_ways"]),
+];
+
+/// Keys of each kind of order.
+pub(in crate::scenario) const ORDER_RULES: [Rule; 6] = [
+    ("hold", &[], &["vehicles"]),
+    ("goto", &["step"], &["vehicles"]),
+    ("land", &[], &["vehicles"]),
+    ("abort", &[], &["vehicles"]),
+    ("release", &["vehicles"], &[]),
+    ("set", &["key", "value"], &[]),
+];
+
+const FAULTS: &[&str] = &kinds(&FAULT_RULES);
+const ORDERS: &[&str] = &kinds(&ORDER_RULES);
+
+/// The kinds of these rules.
+const fn kinds<const N: usize>(rules: &[Rule; N]) -> [&'static str; N] {
+    let mut kinds = [""; N];
+    let mut nth = 0;
+    while nth < N {
+        kinds[nth] = rules[nth].0;
+        nth += 1;
+    }
+    kinds
 }

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::super::key::keys;
+
 /// The plant that is flown, `swarm.plant`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -14,7 +16,7 @@ pub enum PlantKind {
     Xplane,
 }
 
-/// What everything outside a plant's own module has to know of one kind of plant.
+/// The facts about one kind of plant that the program outside the plant's own module needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlantSpec {
     /// The kind.
@@ -23,7 +25,7 @@ pub struct PlantSpec {
     pub name: &'static str,
     /// Its name in sentences.
     pub title: &'static str,
-    /// What it is, as the help of the command line explains it.
+    /// Its explanation in the help of the command line.
     pub help: &'static str,
     /// Where its simulator runs.
     pub simulator: Simulator,
@@ -127,7 +129,7 @@ impl PlantKind {
         SPECS.iter().map(|spec| spec.kind)
     }
 
-    /// What is to be known of this kind.
+    /// The facts about this kind.
     pub fn spec(self) -> &'static PlantSpec {
         &SPECS[self as usize]
     }
@@ -150,32 +152,42 @@ impl PlantSpec {
     }
 }
 
-/// The model of the built-in plant, and how X-Plane is used, `[plant]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct VehicleModel {
-    /// What the built-in plant simulates.
-    pub model: ModelKind,
-    /// Frames a second below which a vehicle does not take off.
-    pub min_frame_rate_hz: f64,
-    /// Largest number of peers that an X-Plane draws.
-    pub show_peers: usize,
-    /// Path of the aircraft file that X-Plane loads to draw peers, below X-Plane's folder.
-    pub peer_acf: Option<String>,
-    /// Deflection of the pilot's own stick beyond which the pilot of a simulator takes the controls, 0 to 1; `None`: never.
-    pub stick_release: Option<f64>,
-    /// Whether random failures of an X-Plane are part of the flight.
-    pub random_failures: bool,
-    /// Local time of day of an X-Plane, h; `None` changes nothing.
-    pub local_time_h: Option<f64>,
-    /// Weight of the payload of an X-Plane's aircraft, kg; `None` leaves it to X-Plane.
-    pub payload_kg: Option<f64>,
-    /// Weight of the fuel of an X-Plane's aircraft, kg; `None` leaves it to X-Plane.
-    pub fuel_kg: Option<f64>,
-    /// Limits and lags of a point mass.
-    pub point_mass: PointMassLimits,
+keys! {
+    /// The model of the built-in plant, and how X-Plane is used, `[plant]`.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct VehicleModel at "plant." {
+        model: ModelKind = OneOf(&["helicopter", "point_mass"]), text("helicopter"),
+            "what the built-in plant simulates: the helicopter of the aircraft file, or a point that follows velocities (\"point_mass\"), \
+             for studies of laws at scale; a helicopter is nearer to flight";
+        min_frame_rate_hz: f64 = from(0.0, 50.0), number(20.0),
+            "frame rate below which a vehicle does not take off, 0 for none; Garcia & Barnes 2010 refuse less than 20 Hz, and X-Plane slows \
+             its time below 19 Hz";
+        show_peers: usize = Integer(0, 19), whole(0),
+            "how many of its nearest peers each X-Plane draws as its other aircraft, at most 19; 0 leaves X-Plane's other aircraft alone, \
+             each of which costs frame rate", unit_is("vehicles");
+        peer_acf: Option<String> = Text, Nothing,
+            "aircraft file that X-Plane loads to draw peers, its path below X-Plane's folder, as Aircraft/My/heli.acf; without it peers look \
+             like the other aircraft that X-Plane has loaded";
+        stick_release: Option<f64> = above_zero_or("none", 1.0), text("none"),
+            "deflection of the pilot's own stick, a share of its travel, beyond which a simulator's pilot takes the controls; never by \
+             default: an uncentred stick would take them", unit_is("1");
+        random_failures: bool = Bool, flag(false),
+            "whether X-Plane's random failures are part of the flight: check and status then state that they are on, instead of a \
+             fault; Skein does not turn them on";
+        local_time_h: Option<f64> = from_or("none", 0.0, 24.0), text("none"),
+            "local time of day of an X-Plane, which the Web API of 12.4 sets; \"none\" changes nothing", unit_is("h");
+        payload_kg: Option<f64> = from_or("none", 0.0, 1e4), text("none"),
+            "payload of an X-Plane's aircraft when it is placed, which the Web API of 12.4 sets; \"none\" leaves it to X-Plane",
+            unit_is("kg");
+        fuel_kg: Option<f64> = from_or("none", 0.0, 1e4), text("none"),
+            "fuel in the first tank of an X-Plane's aircraft when it is placed, which the Web API of 12.4 sets; \"none\" leaves it to X-Plane",
+            unit_is("kg");
+        /// Limits and lags of a point mass.
+        point_mass: PointMassLimits;
+    }
 }
 
-/// What the built-in plant simulates, `plant.model`.
+/// The vehicle that the built-in plant simulates, `plant.model`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelKind {
@@ -185,27 +197,22 @@ pub enum ModelKind {
     PointMass,
 }
 
-/// Limits and lags of a point mass, `[plant.point_mass]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PointMassLimits {
-    /// Largest horizontal speed, m/s.
-    pub max_speed_m_s: f64,
-    /// Largest climb rate and largest sink rate, m/s.
-    pub max_climb_m_s: f64,
-    /// Largest horizontal acceleration and largest vertical acceleration, m/s²; `None`: no limit.
-    pub max_acceleration_m_s2: Option<f64>,
-    /// Time constant of the velocity, s; 0: the point has the commanded velocity at once.
-    pub lag_s: f64,
-    /// Largest heading rate, °/s.
-    pub max_turn_deg_s: f64,
-    /// Time constant of the heading rate, s; 0: the point has the commanded rate at once.
-    pub turn_lag_s: f64,
-}
-
-impl PointMassLimits {
-    /// [`PointMassLimits::max_turn_deg_s`] in radians per second.
-    pub fn max_turn_rad_s(&self) -> f64 {
-        self.max_turn_deg_s.to_radians()
+keys! {
+    /// Limits and lags of a point mass, `[plant.point_mass]`.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    pub struct PointMassLimits at "plant.point_mass." {
+        max_speed_m_s: f64 = above_zero(100.0), number(10.0),
+            "largest horizontal speed of a point mass; 10 m/s are above the 7.5 m/s that a formation commands beside its centre's speed";
+        max_climb_m_s: f64 = above_zero(50.0), number(2.5),
+            "largest climb rate and sink rate of a point mass; the built-in helicopter's controllers command 2.5 m/s";
+        max_acceleration_m_s2: Option<f64> = above_zero_or("none", 1e3), number(3.0),
+            "largest acceleration of a point mass, horizontal and vertical each; 3 m/s2 are a helicopter's at a lean of 17 degrees";
+        lag_s: f64 = from(0.0, 10.0), number(1.0),
+            "time constant of a point mass's velocity; 1 s is the helicopter's lag. 0 with max_acceleration_m_s2 = \"none\" is a single integrator";
+        max_turn_deg_s: f64 = above_zero(720.0), number(60.0),
+            "largest heading rate of a point mass";
+        turn_lag_s: f64 = from(0.0, 10.0), number(0.2),
+            "time constant of a point mass's heading rate; the helicopter's gyro needs less";
     }
 }
 

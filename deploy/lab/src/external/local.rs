@@ -83,7 +83,6 @@ impl LocalRun {
 mod tests {
     use std::sync::{Mutex, PoisonError};
 
-    use nalgebra::Vector3;
     use skein_common::scenario::{Source, load};
     use skein_core::aircraft::Aircraft;
     use skein_core::control::Rules;
@@ -110,7 +109,7 @@ mod tests {
             if self.fails_at == Some(query.tick) && query.vehicle.get() == 2 {
                 return Err("it divides by zero".to_owned());
             }
-            let to_centre = Vector3::from(query.goal.centre_ned_m) - Vector3::from(query.own.position_ned_m);
+            let to_centre = query.goal.centre - query.own.position;
             let command = ReplyCommand::VelocityNed(0.1 * to_centre);
             let (vehicle, tick) = (query.vehicle, query.tick);
             Ok(LawReply { vehicle, tick, command, heading_rad: None, reached: None, log: Vec::new() })

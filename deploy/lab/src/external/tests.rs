@@ -1,7 +1,8 @@
 use std::net::TcpStream;
 use std::sync::mpsc::SyncSender;
 
-use skein_core::formation::external::{OwnState, QueryGoal};
+use skein_core::formation::external::OwnState;
+use skein_core::formation::law::Goal;
 
 use super::*;
 
@@ -10,11 +11,11 @@ fn id(number: u8) -> VehicleId {
 }
 
 fn ask(vehicle: u8, tick: u64) -> LawQuery {
-    let own = OwnState { position_ned_m: [0.0; 3], velocity_ned_m_s: [0.0; 3], heading_rad: 0.0, age_s: 0.0 };
-    let goal = QueryGoal {
+    let own = OwnState { position: [0.0; 3].into(), velocity: [0.0; 3].into(), heading_rad: 0.0, age_s: 0.0 };
+    let goal = Goal {
         step: 0,
-        centre_ned_m: [0.0; 3],
-        centre_velocity_ned_m_s: [0.0; 3],
+        centre: [0.0; 3].into(),
+        centre_velocity: [0.0; 3].into(),
         heading_rad: 0.0,
         radius_m: 100.0,
         gamma: 1.0,

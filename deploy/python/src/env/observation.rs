@@ -85,10 +85,10 @@ impl Look<'_> {
             near.clear();
             match self.queries.get(nth).and_then(Option::as_ref) {
                 Some((query, _)) => {
-                    let own = (query.own.position_ned_m, query.own.velocity_ned_m_s);
-                    let goal = (query.goal.centre_ned_m, query.goal.centre_velocity_ned_m_s);
+                    let own = (query.own.position.into(), query.own.velocity.into());
+                    let goal = (query.goal.centre.into(), query.goal.centre_velocity.into());
                     write_own(out, &own, &goal, [query.own.heading_rad, query.goal.radius_m]);
-                    let peers = query.peers.iter().map(|peer| (peer.position_ned_m, peer.velocity_ned_m_s));
+                    let peers = query.peers.iter().map(|peer| (peer.position.into(), peer.velocity.into()));
                     near.extend(peers.map(|peer| (squared_m2(&own, &peer), peer)));
                     write_neighbours(&mut out[OWN.len()..], &own, &mut near, self.neighbours);
                 }

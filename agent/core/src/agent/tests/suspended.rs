@@ -5,7 +5,7 @@ use alloc::collections::BTreeMap;
 use super::*;
 use crate::helicopter::{BuiltInVehicle, Start, TICK_S, Weather};
 use crate::station::{Clocks, Station, StepInputs};
-use crate::testing::origin;
+use crate::tests::origin;
 
 /// Time after which the suspended PC has its links again, s.
 const LINKS_BACK_S: f64 = 1.0;

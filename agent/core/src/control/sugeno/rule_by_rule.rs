@@ -20,7 +20,7 @@ pub(super) struct RuleByRule {
     and: And,
     or: Or,
     output_by: OutputBy,
-    rules: Vec<Rule>,
+    rules: Vec<EffectiveRule>,
 }
 
 /// The sets of an input.
@@ -32,7 +32,7 @@ struct Sets {
 
 /// A rule with an effect on the output.
 #[derive(Clone, Debug)]
-struct Rule {
+struct EffectiveRule {
     /// Each input's set; `None` for any.
     antecedent: Vec<Option<Literal>>,
     is_or: bool,
@@ -43,7 +43,7 @@ struct Rule {
 }
 
 /// A rule during the search, with its strength as far as the inputs are known.
-type Alive<'a> = (&'a Rule, f64);
+type Alive<'a> = (&'a EffectiveRule, f64);
 
 impl Sets {
     fn new(variable: &Variable<Membership>) -> Self {
@@ -71,7 +71,7 @@ impl RuleByRule {
         let terms = &fis.outputs[output].terms;
         let rules = fis.rules.iter().filter_map(|rule| {
             let consequent = &terms[rule.consequents[output]?].value;
-            Some(Rule {
+            Some(EffectiveRule {
                 antecedent: rule.antecedent.clone(),
                 is_or: rule.is_or,
                 weight: rule.weight,
@@ -117,7 +117,7 @@ impl RuleByRule {
 
     /// The strength of a rule with one more degree.
     #[inline]
-    fn join(&self, rule: &Rule, strength: f64, degree: f64) -> f64 {
+    fn join(&self, rule: &EffectiveRule, strength: f64, degree: f64) -> f64 {
         match (rule.is_or, self.and, self.or) {
             (false, And::Product, _) => strength * degree,
             (false, And::Least, _) => strength.min(degree),
@@ -183,7 +183,7 @@ impl RuleByRule {
     }
 }
 
-impl Rule {
+impl EffectiveRule {
     /// The strength of a rule before its first set.
     fn none(&self) -> f64 {
         if self.is_or && self.antecedent.iter().any(Option::is_some) { 0.0 } else { 1.0 }

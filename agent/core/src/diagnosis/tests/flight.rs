@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::VehicleId;
 use skein_common::message::Failure;
-use skein_common::scenario::{PositionSensing, Sensing, VelocitySensing};
+use skein_common::scenario::{PositionSensing, VelocitySensing};
 use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
@@ -14,6 +14,7 @@ use crate::estimate::{Estimate, Estimator};
 use crate::helicopter::{BuiltInVehicle, Failures, Start, TICK_S, Weather};
 use crate::plant::{Controls, GroundTruth};
 use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
+use crate::tests::sensing_without_errors;
 
 /// The sensing of a vehicle.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +60,7 @@ impl Flight {
         let id = VehicleId::new(1).unwrap();
         Self {
             vehicle: BuiltInVehicle::new(&origin, parameters, &start, &weather, seed, id),
-            estimator: Estimator::new(origin, &Sensing::without_errors(position, velocity)),
+            estimator: Estimator::new(origin, &sensing_without_errors(position, velocity)),
             controller: VehicleController::new(Rules::shipped(), aircraft.trim, aircraft.gains, true),
             diagnosis: Diagnosis::new(&super::scenario(), &aircraft),
             command: None,

@@ -1,7 +1,7 @@
 use core::f64::consts::{PI, TAU};
 use skein_common::math;
 
-use super::super::point_mass::{Points, laws};
+use super::super::tests::points::{Points, laws};
 use super::*;
 
 const COUNT: usize = 5;

@@ -4,7 +4,7 @@ use skein_common::id::VehicleSet;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use crate::testing::id;
+use crate::tests::id;
 
 /// The exchange of vehicle 2 with a law, frame by frame.
 struct Session {
@@ -49,7 +49,7 @@ impl Session {
             neighbours: &[neighbour],
             members: VehicleSet::default(),
             obstacles: &[],
-            goal: law::Goal {
+            goal: Goal {
                 step: 1,
                 centre: PositionNed::new(10.0, 0.0, -30.0),
                 centre_velocity: VelocityNed::new(2.0, 0.0, 0.0),
@@ -106,12 +106,14 @@ fn queries_are_periodic_and_carry_the_vehicles_observation() {
     assert_eq!(command(first), STAY, "the vehicle stays before the first reply");
     let ask = ask.expect("a query in the first step");
     assert_eq!((ask.vehicle, ask.tick, ask.time_s, ask.dt_s), (id(2), 0, 2.02, 0.0));
-    assert_eq!((ask.own.position_ned_m, ask.own.heading_rad), ([150.0, 0.0, -30.0], 1.5));
+    assert_eq!((ask.own.position, ask.own.heading_rad), ([150.0, 0.0, -30.0].into(), 1.5));
     let peer = ask.peers[0];
-    assert_eq!((peer.id, peer.position_ned_m, peer.velocity_ned_m_s), (id(3), [1.0, 2.0, -31.0], [0.1, 0.2, 0.0]));
-    assert_eq!((peer.heading_rad, peer.age_s, peer.fresh), (0.5, 0.6, false));
+    assert_eq!((peer.id, peer.position), (id(3), [1.0, 2.0, -31.0].into()));
+    assert_eq!(peer.velocity, [0.1, 0.2, 0.0].into());
+    assert_eq!((peer.heading_rad, peer.age_s, peer.is_fresh), (0.5, 0.6, false));
     let goal = ask.goal;
-    assert_eq!((goal.step, goal.centre_ned_m, goal.centre_velocity_ned_m_s), (1, [10.0, 0.0, -30.0], [2.0, 0.0, 0.0]));
+    assert_eq!((goal.step, goal.centre), (1, [10.0, 0.0, -30.0].into()));
+    assert_eq!(goal.centre_velocity, [2.0, 0.0, 0.0].into());
     assert_eq!((goal.heading_rad, goal.radius_m, goal.gamma), (0.3, 100.0, 4.0));
     let asked: Vec<u64> = (1..=20).filter(|_| session.step(None).1.is_some()).collect();
     assert_eq!(asked, [5, 10, 15, 20]);
@@ -143,7 +145,7 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
     assert_eq!(command(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)));
     let (flown, _) = session.step(Some(&answer(ask.tick, velocity(3.0, 0.0, 0.0))));
     assert_eq!(command(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
-    assert_eq!(session.external.misses(), 0);
+    assert_eq!(session.external.misses, 0);
 }
 
 #[test]
@@ -178,7 +180,7 @@ fn after_misses_in_a_row_the_law_is_lost_until_its_next_reply() {
     for _ in 0..3 {
         assert!(session.next_query().0.is_some(), "the last reply is flown");
     }
-    assert_eq!((session.external.misses(), session.events.as_slice()), (2, &[][..]));
+    assert_eq!((session.external.misses, session.events.as_slice()), (2, &[][..]));
     let (flown, ask) = session.next_query();
     assert_eq!((flown, session.events.as_slice()), (None, &[EventKind::LawLost][..]));
     let late = answer(ask.tick - 1, velocity(9.0, 0.0, 0.0));
@@ -186,7 +188,7 @@ fn after_misses_in_a_row_the_law_is_lost_until_its_next_reply() {
     for _ in 0..4 {
         assert_eq!(session.next_query().0, None);
     }
-    assert_eq!((session.external.misses(), session.events.len()), (7, 1), "reported once");
+    assert_eq!((session.external.misses, session.events.len()), (7, 1), "reported once");
     let flown = session.flown(|tick| answer(tick, velocity(0.0, 1.0, 0.0)));
     assert_eq!(flown.answer.command, level_and_down(0.0, 1.0, 0.0));
     assert_eq!(session.events, [EventKind::LawLost, EventKind::LawBack]);
@@ -204,5 +206,5 @@ fn after_a_suspension_no_old_reply_is_flown() {
     let (flown, next) = session.step(Some(&answer(ask.tick, velocity(1.0, 0.0, 0.0))));
     assert_eq!(command(flown), STAY);
     assert_eq!(next.unwrap().tick, ask.tick + 1, "queried at once, with the next number");
-    assert_eq!(session.external.misses(), 0, "no reply was pending");
+    assert_eq!(session.external.misses, 0, "no reply was pending");
 }

@@ -3,7 +3,7 @@ use skein_common::frame::VelocityNed;
 use skein_common::math;
 use skein_common::scenario::{Source, load};
 
-use super::super::point_mass::Points;
+use super::super::tests::points::Points;
 use super::*;
 
 fn law(sets: &[&str]) -> OlfatiSaber {

@@ -4,7 +4,7 @@ use skein_common::frame::VelocityNed;
 use skein_common::math;
 
 use super::*;
-use crate::testing::id;
+use crate::tests::id;
 
 /// Table 1 of the paper.
 fn table_1() -> Ring {

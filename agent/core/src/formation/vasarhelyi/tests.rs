@@ -2,7 +2,7 @@ use proptest::prelude::*;
 use skein_common::frame::VelocityNed;
 use skein_common::math;
 
-use super::super::point_mass::{Points, laws};
+use super::super::tests::points::{Points, laws};
 use super::*;
 
 const LAW: &str = "law = 'vasarhelyi'\nradius_m = 50";

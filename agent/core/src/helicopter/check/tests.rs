@@ -31,7 +31,7 @@ fn the_shipped_parameters_are_valid() {
     assert_eq!(xcell60().check(), Ok(()));
 }
 
-fn refused_key(parameters: &Parameters) -> &'static str {
+fn refused_key(parameters: &Parameters) -> String {
     match parameters.check() {
         Err(ParameterError::Value { key, .. }) => key,
         other => panic!("{other:?}"),
@@ -90,6 +90,6 @@ fn an_unknown_key_is_refused_by_name() {
 
 #[test]
 fn an_error_names_key_value_and_rule() {
-    let error = ParameterError::Value { key: "mass_kg", value: -1.0, rule: "finite and greater than 0" };
+    let error = ParameterError::Value { key: "mass_kg".to_owned(), value: -1.0, rule: "finite and greater than 0" };
     assert_eq!(error.to_string(), "`helicopter.mass_kg` is -1, but has to be finite and greater than 0");
 }

@@ -7,7 +7,7 @@ use crate::helicopter::tests::xcell60;
 use crate::helicopter::{BuiltInVehicle, Helicopter, LocalWind, Start, TICK_S, Weather};
 use crate::plant::{Controls, Frame, Measurement};
 use crate::random::{self, Purpose, uniform};
-use crate::testing::id;
+use crate::tests::id;
 
 const HOVER: Controls = Controls { roll: 0.0185, pitch: 0.0, yaw: 0.0, collective: 0.6 };
 const CLIMB: Controls = Controls { collective: 0.7, ..HOVER };

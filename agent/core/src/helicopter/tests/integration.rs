@@ -25,7 +25,7 @@ fn flown(flight: &Flight, ticks: usize, tick: impl Fn(State) -> State) -> Vec<St
 }
 
 /// A step of one command, by its name, and the states that respond to it, by their names and indices.
-type Response = (&'static str, fn(&mut Command), &'static [(&'static str, usize)]);
+type Response = (&'static str, fn(&mut ServoCommand), &'static [(&'static str, usize)]);
 
 const RESPONSES: [Response; 4] = [
     ("roll", |command| command.lateral_rad += 0.025, &[("p", 10), ("b1", 14), ("servo", 18)]),

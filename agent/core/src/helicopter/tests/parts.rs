@@ -152,7 +152,7 @@ fn the_fuselage_is_dragged_by_air_and_wake() {
 #[test]
 fn derived_figures() {
     let p = xcell60();
-    let solidity = |rotor: &parameters::Rotor| 2.0 * rotor.chord_m / (core::f64::consts::PI * rotor.radius_m);
+    let solidity = |rotor: &parameters::RotorParameters| 2.0 * rotor.chord_m / (core::f64::consts::PI * rotor.radius_m);
     assert_near(0.00001, solidity(&p.main_rotor), 0.04764);
     assert_near(0.0001, solidity(&p.tail_rotor), 0.1420);
     assert_within(0.01, 0.849 / (4.0 * dynamics().hover().lambda * 167.0), p.main_rotor.inflow_lag_s);

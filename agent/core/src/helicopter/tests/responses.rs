@@ -25,7 +25,7 @@ fn crossing(samples: &[(f64, f64)], level: f64) -> f64 {
     t0 + (t1 - t0) * (level - v0) / (v1 - v0)
 }
 
-fn step(end_s: f64, command: impl Fn(&mut Command), value: impl Fn(&Flight) -> f64) -> Vec<(f64, f64)> {
+fn step(end_s: f64, command: impl Fn(&mut ServoCommand), value: impl Fn(&Flight) -> f64) -> Vec<(f64, f64)> {
     let mut flight = Flight::trimmed(0.0);
     command(&mut flight.command);
     flight.record(end_s, value)
@@ -65,7 +65,7 @@ fn the_yaw_rate_step_matches_the_reference() {
 
 #[test]
 fn the_climb_step_matches_the_reference() {
-    let collective = |command: &mut Command| command.collective_rad += 0.25 * 0.05;
+    let collective = |command: &mut ServoCommand| command.collective_rad += 0.25 * 0.05;
     let body = step(4.0, collective, |flight| -flight.state.0[5]);
     let earth = step(10.0, collective, |flight| -flight.helicopter().velocity().down_m_s());
     let speed = step(4.0, collective, |flight| flight.state.0[15]);

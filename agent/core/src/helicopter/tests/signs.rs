@@ -4,7 +4,7 @@ use super::*;
 use skein_common::math;
 
 /// The helicopter some time after one control was moved from hover trim, at this heading.
-fn moved(heading_rad: f64, end_s: f64, control: impl Fn(&mut Command)) -> Helicopter {
+fn moved(heading_rad: f64, end_s: f64, control: impl Fn(&mut ServoCommand)) -> Helicopter {
     let mut flight = Flight::trimmed(0.0);
     // The trim heads north: turn the whole state about the vertical.
     let (sin, cos) = math::sin_cos(0.5 * heading_rad);

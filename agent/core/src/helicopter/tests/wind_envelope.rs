@@ -23,7 +23,7 @@ struct Needs {
 }
 
 /// The trim in a wind from this direction, clockwise from the nose, found in steps from the calm trim.
-fn hover(dynamics: &Dynamics, speed_m_s: f64, from_rad: f64) -> Option<(Unknowns, State, Command)> {
+fn hover(dynamics: &Dynamics, speed_m_s: f64, from_rad: f64) -> Option<(Unknowns, State, ServoCommand)> {
     let (sin, cos) = math::sin_cos(from_rad);
     let velocity = |speed_m_s: f64| Vector::new(speed_m_s * cos, speed_m_s * sin, 0.0);
     let steps = (speed_m_s / 0.25) as u32;

@@ -5,7 +5,7 @@ use proptest::sample::select;
 use skein_common::id::{VehicleId, VehicleSet};
 
 use super::*;
-use crate::testing::id;
+use crate::tests::id;
 
 const ROSTER: u8 = 4;
 const LAST_STEP: u32 = 3;

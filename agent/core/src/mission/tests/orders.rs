@@ -13,7 +13,7 @@ fn an_order_to_other_vehicles_is_passed_on_and_not_executed() {
     let other = to(&[2, 3], 5, Verb::Land);
     one.order(other);
     formation(one.step(20.0, 30.0));
-    assert_eq!((one.mission.newest_order(), one.take_events()), (Some(other), vec![]));
+    assert_eq!((one.mission.newest_order, one.take_events()), (Some(other), vec![]));
     one.order(HOLD);
     assert!(matches!(one.step(21.0, 30.0), Task::Stay { .. }), "an older order to the whole swarm still applies here");
 }
@@ -23,7 +23,7 @@ fn a_vehicle_on_hold_alone_is_not_waited_for_and_joins_again_after_listening() {
     let mut one = One::active(ONE, "");
     one.order(to(&[1], 1, Verb::Hold));
     assert!(matches!(one.step(20.0, 30.0), Task::Stay { .. }));
-    assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Joining, Activity::Holding));
+    assert_eq!((one.mission.membership(), one.mission.activity), (Membership::Joining, Activity::Holding));
     assert!(matches!(one.step(29.0, 30.0), Task::Stay { .. }), "however long");
     assert_eq!(one.mission.membership(), Membership::Joining);
     one.order(to(&[1], 2, Verb::Goto(0)));
@@ -41,7 +41,7 @@ fn a_hold_of_the_whole_swarm_ends_a_hold_alone_and_keeps_the_vehicle_in_the_swar
     one.order(Order { epoch: 2, ..HOLD });
     one.step(21.0, 30.0);
     assert!(matches!(one.step(23.0, 30.0), Task::Stay { .. }));
-    assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Active, Activity::Holding));
+    assert_eq!((one.mission.membership(), one.mission.activity), (Membership::Active, Activity::Holding));
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn a_released_vehicle_leaves_its_controls_to_the_pilot_until_an_order_names_it()
     let mut one = One::active(TWO, "");
     one.order(to(&[1], 1, Verb::Release));
     assert_eq!(one.step(20.0, 30.0), Task::Release);
-    assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Joining, Activity::Released));
+    assert_eq!((one.mission.membership(), one.mission.activity), (Membership::Joining, Activity::Released));
     one.order(Order { epoch: 2, verb: Verb::Goto(1), ..HOLD });
     one.order(Order { epoch: 3, ..LAND });
     one.view.conditions.insert(Failure::Engine.into());
@@ -93,7 +93,11 @@ fn an_order_to_a_step_that_names_a_vehicle_sends_it_ahead_without_the_others() {
     let mut one = One::active(TWO, "");
     one.order(to(&[1], 1, Verb::Goto(1)));
     assert_eq!(formation(one.step(20.0, 30.0)).step, 1);
-    assert_eq!((one.mission.at(), one.mission.vouched()), (1, 0), "two such vehicles would lead the others along");
+    assert_eq!(
+        (one.mission.at(), one.mission.agreement_state().vouched),
+        (1, 0),
+        "two such vehicles would lead the others along"
+    );
 }
 
 #[test]
@@ -103,7 +107,7 @@ fn a_vehicle_on_hold_alone_can_be_ordered_to_land() {
     one.step(20.0, 30.0);
     one.order(to(&[1], 2, Verb::Land));
     one.step(21.0, 30.0);
-    assert_eq!((one.mission.membership(), one.mission.activity()), (Membership::Left, Activity::Landing));
+    assert_eq!((one.mission.membership(), one.mission.activity), (Membership::Left, Activity::Landing));
 }
 
 #[test]

@@ -2,7 +2,8 @@ use proptest::prelude::*;
 use skein_common::scenario::{Source, load};
 
 use super::*;
-use skein_core::formation::external::{OwnState, PeerState, QueryGoal};
+use skein_core::formation::external::OwnState;
+use skein_core::formation::law::{Goal, Neighbour};
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
@@ -43,23 +44,23 @@ fn messages_to_a_law_have_exactly_these_bytes() {
         time_s: 41.7,
         dt_s: 0.1,
         own: OwnState {
-            position_ned_m: [81.0, -60.2, -30.0],
-            velocity_ned_m_s: [0.1, 0.4, 0.0],
+            position: [81.0, -60.2, -30.0].into(),
+            velocity: [0.1, 0.4, 0.0].into(),
             heading_rad: 1.57,
             age_s: 0.02,
         },
-        peers: vec![PeerState {
+        peers: vec![Neighbour {
             id: id(1),
-            position_ned_m: [99.1, 3.2, -30.1],
-            velocity_ned_m_s: [0.0, 0.2, 0.0],
+            position: [99.1, 3.2, -30.1].into(),
+            velocity: [0.0, 0.2, 0.0].into(),
             heading_rad: 0.0,
             age_s: 0.06,
-            fresh: true,
+            is_fresh: true,
         }],
-        goal: QueryGoal {
+        goal: Goal {
             step: 0,
-            centre_ned_m: [0.0, 0.0, -30.0],
-            centre_velocity_ned_m_s: [0.0, 0.0, 0.0],
+            centre: [0.0, 0.0, -30.0].into(),
+            centre_velocity: [0.0, 0.0, 0.0].into(),
             heading_rad: 0.0,
             radius_m: 100.0,
             gamma: 1.0,

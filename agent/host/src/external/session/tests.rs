@@ -5,17 +5,18 @@ use skein_common::id::VehicleId;
 
 use super::*;
 use crate::external::protocol::{Hello, Time};
-use skein_core::formation::external::{LawQuery, OwnState, QueryGoal};
+use skein_core::formation::external::{LawQuery, OwnState};
+use skein_core::formation::law::Goal;
 
 /// Time limit of a wait.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
 fn ask(tick: u64) -> LawQuery {
-    let own = OwnState { position_ned_m: [0.0; 3], velocity_ned_m_s: [0.0; 3], heading_rad: 0.0, age_s: 0.0 };
-    let goal = QueryGoal {
+    let own = OwnState { position: [0.0; 3].into(), velocity: [0.0; 3].into(), heading_rad: 0.0, age_s: 0.0 };
+    let goal = Goal {
         step: 0,
-        centre_ned_m: [0.0; 3],
-        centre_velocity_ned_m_s: [0.0; 3],
+        centre: [0.0; 3].into(),
+        centre_velocity: [0.0; 3].into(),
         heading_rad: 0.0,
         radius_m: 100.0,
         gamma: 1.0,

@@ -2,40 +2,41 @@ use proptest::prelude::*;
 use skein_common::id::VehicleId;
 
 use super::*;
-use skein_core::formation::external::{OwnState, QueryGoal};
+use skein_core::formation::external::OwnState;
+use skein_core::formation::law::Goal;
 
 fn id(number: u8) -> VehicleId {
     VehicleId::new(number).unwrap()
 }
 
-fn peer(number: u8, north_m: f64) -> PeerState {
-    PeerState {
+fn peer(number: u8, north_m: f64) -> Neighbour {
+    Neighbour {
         id: id(number),
-        position_ned_m: [north_m, 3.2, -30.1],
-        velocity_ned_m_s: [0.5, 0.2, 0.1],
+        position: [north_m, 3.2, -30.1].into(),
+        velocity: [0.5, 0.2, 0.1].into(),
         heading_rad: 7.0,
         age_s: 0.06,
-        fresh: true,
+        is_fresh: true,
     }
 }
 
-fn ask(peers: Vec<PeerState>) -> LawQuery {
+fn ask(peers: Vec<Neighbour>) -> LawQuery {
     LawQuery {
         vehicle: id(3),
         tick: 417,
         time_s: 41.7,
         dt_s: 0.1,
         own: OwnState {
-            position_ned_m: [81.0, -60.2, -30.0],
-            velocity_ned_m_s: [0.1, 0.4, 0.3],
+            position: [81.0, -60.2, -30.0].into(),
+            velocity: [0.1, 0.4, 0.3].into(),
             heading_rad: 1.57,
             age_s: 0.0,
         },
         peers,
-        goal: QueryGoal {
+        goal: Goal {
             step: 2,
-            centre_ned_m: [11.0, 12.0, -30.0],
-            centre_velocity_ned_m_s: [1.0, 2.0, 3.0],
+            centre: [11.0, 12.0, -30.0].into(),
+            centre_velocity: [1.0, 2.0, 3.0].into(),
             heading_rad: 0.5,
             radius_m: 100.0,
             gamma: 4.0,
@@ -64,7 +65,7 @@ fn a_query_has_its_values_at_these_indices() {
 
 #[test]
 fn of_many_peers_the_nearest_have_a_row_by_id() {
-    let peers: Vec<PeerState> = (4..=24).map(|number| peer(number, 81.0 + 10.0 * f64::from(25 - number))).collect();
+    let peers: Vec<Neighbour> = (4..=24).map(|number| peer(number, 81.0 + 10.0 * f64::from(25 - number))).collect();
     let at = values(&write(&ask(peers)));
     let ids: Vec<f64> = (0..15).map(|k| at(25 + 8 * k)).collect();
     assert_eq!((at(23), ids), (15.0, (10..=24).map(f64::from).collect()));

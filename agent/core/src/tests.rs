@@ -3,6 +3,7 @@
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Header, Heartbeat, State};
+use skein_common::scenario::{PositionSensing, Sensing, SensorErrors, VelocitySensing};
 use skein_common::state::Membership;
 use skein_common::time::SenderStamp;
 
@@ -54,5 +55,20 @@ pub(crate) fn heartbeat(header: Header) -> Heartbeat {
         orders: 0,
         echo: None,
         lost: VehicleSet::default(),
+    }
+}
+
+/// Sensors with this precision and this source of the velocity, without any other error, latency or dropout.
+pub(crate) fn sensing_without_errors(position: PositionSensing, velocity: VelocitySensing) -> Sensing {
+    Sensing {
+        position,
+        velocity,
+        differenced_tau_s: 1.0,
+        latency_s: 0.0,
+        dropout: 0.0,
+        dropout_s: None,
+        correlation_s: None,
+        noise: SensorErrors::default(),
+        bias: SensorErrors::default(),
     }
 }

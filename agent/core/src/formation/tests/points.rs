@@ -6,28 +6,28 @@ use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::VehicleId;
 use skein_common::scenario::{Source, load};
 
-use super::law::{Goal, Law, LawCommand, Neighbour, Observation};
-use super::laws;
+use super::super::law::{Goal, Law, LawCommand, Neighbour, Observation};
+use super::super::laws;
 use crate::random::{Purpose, generator, uniform};
 
 /// Points around a goal; vehicle i + 1 is point i.
 #[derive(Clone, Debug)]
-pub(super) struct Points {
-    pub(super) places_m: Vec<Vector2<f64>>,
-    pub(super) velocities_m_s: Vec<Vector2<f64>>,
-    pub(super) goal: Goal,
+pub(in crate::formation) struct Points {
+    pub(in crate::formation) places_m: Vec<Vector2<f64>>,
+    pub(in crate::formation) velocities_m_s: Vec<Vector2<f64>>,
+    pub(in crate::formation) goal: Goal,
 }
 
 impl Points {
     /// `count` points at rest, scattered over a square, with the goal at rest.
-    pub(super) fn scattered(count: usize, square_m: f64, seed: u64) -> Self {
+    pub(in crate::formation) fn scattered(count: usize, square_m: f64, seed: u64) -> Self {
         let mut rng = generator(seed, None, Purpose::Start);
         let mut coordinate_m = || square_m * (uniform(&mut rng) - 0.5);
         Self::at((0..count).map(|_| Vector2::new(coordinate_m(), coordinate_m())).collect())
     }
 
     /// Points at rest at these positions, with the goal at rest at the origin.
-    pub(super) fn at(places_m: Vec<Vector2<f64>>) -> Self {
+    pub(in crate::formation) fn at(places_m: Vec<Vector2<f64>>) -> Self {
         let goal = Goal {
             step: 0,
             centre: PositionNed::default(),
@@ -39,14 +39,14 @@ impl Points {
         Self { velocities_m_s: vec![Vector2::zeros(); places_m.len()], places_m, goal }
     }
 
-    pub(super) fn pass(&mut self, dt_s: f64) {
+    pub(in crate::formation) fn pass(&mut self, dt_s: f64) {
         self.places_m.iter_mut().zip(&self.velocities_m_s).for_each(|(place, velocity)| *place += velocity * dt_s);
         self.goal.centre = self.goal.centre + self.goal.centre_velocity.0 * dt_s;
     }
 
     /// The results of `update` for the observation of each point; `receives(i, j)` states whether point i receives point
     /// j.
-    pub(super) fn each<T>(
+    pub(in crate::formation) fn each<T>(
         &self,
         receives: impl Fn(usize, usize) -> bool,
         mut update: impl FnMut(usize, &Observation<'_>) -> T,
@@ -69,7 +69,12 @@ impl Points {
     }
 
     /// All points follow their laws' commands for this time.
-    pub(super) fn fly(&mut self, laws: &mut [Box<dyn Law>], receives: impl Fn(usize, usize) -> bool, for_s: f64) {
+    pub(in crate::formation) fn fly(
+        &mut self,
+        laws: &mut [Box<dyn Law>],
+        receives: impl Fn(usize, usize) -> bool,
+        for_s: f64,
+    ) {
         let dt_s = 0.02;
         for _ in 0..(for_s / dt_s) as usize {
             self.velocities_m_s =
@@ -85,7 +90,7 @@ impl Points {
     }
 
     /// Distances of all pairs, m.
-    pub(super) fn distances_m(&self) -> Vec<f64> {
+    pub(in crate::formation) fn distances_m(&self) -> Vec<f64> {
         let places_m = &self.places_m;
         let pairs = places_m.iter().enumerate().flat_map(|(nth, one)| places_m[..nth].iter().map(move |it| it - one));
         pairs.map(|apart_m| apart_m.norm()).collect()
@@ -105,7 +110,7 @@ impl Points {
 }
 
 /// A law for each of `count` vehicles, with these lines under `[formation]`.
-pub(super) fn laws(count: usize, lines: &str) -> Vec<Box<dyn Law>> {
+pub(in crate::formation) fn laws(count: usize, lines: &str) -> Vec<Box<dyn Law>> {
     let text = format!("swarm.vehicles = {count}\n[formation]\n{lines}");
     let scenario = load(&Source { name: "test.toml", text: &text }, &[]).unwrap().scenario;
     scenario.ids().map(|own| laws::make(&scenario, &scenario.formation, own).unwrap()).collect()
