@@ -67,15 +67,16 @@ impl Inventory {
         }
         // A vehicle that has left the cluster is not accepted.
         names.retain(|id| self.nodes.contains_key(&id));
+        let orders_key = orders_key(&folder)?;
         let tls = Tls {
             authority: folder.path(AUTHORITY),
             certificate: folder.path(&certificate),
             key: folder.path(&key),
+            orders: orders_key,
             observers: names.all_observers(),
             vehicles: names.vehicles,
             operator: names.operator,
         };
-        let orders_key = orders_key(&folder)?;
         let signing_key = (role == Role::Operator).then(|| signing_key(&folder, orders_key)).transpose()?;
         Ok(Reach {
             security: Security::Tls(tls),

@@ -3,3 +3,4 @@
 
 mod house;
 mod plain_words;
+mod plants;

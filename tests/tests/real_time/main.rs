@@ -16,6 +16,7 @@ mod octave;
 mod one_pc;
 mod operator;
 mod overload;
+mod own_plant;
 mod page;
 mod recording;
 mod replay;

@@ -36,6 +36,7 @@ impl Swarm {
             authority: file("authority.pem", &own.pem()),
             certificate: file("own.pem", &signed(&issuer, &of_first, name(&["vehicle-1"])).1),
             key: file("own.key", &of_first.serialize_pem()),
+            orders: public_key.into(),
             vehicles: BTreeMap::from([(VehicleName::from(VehicleId::new(2).unwrap()), second)]),
             observers: vec!["observer".to_owned()],
             operator: "operator".to_owned(),
