@@ -74,7 +74,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 
 /// All links of one agent or observer to other hosts; dropping it ends them.
 pub(super) struct Tunnel {
-    shared: Arc<Shared>,
+    shared: Arc<TunnelState>,
     listeners: Vec<StdListener>,
     locals: Locals,
     /// Carries the links with vehicles. Taken on drop, because a runtime must not wait for its own last thread.
@@ -83,7 +83,7 @@ pub(super) struct Tunnel {
     for_guests: Option<Runtime>,
 }
 
-struct Shared {
+struct TunnelState {
     /// Certificates and keys; `None` on plain links.
     tls_context: Option<TlsContext>,
     presence: Arc<Presence>,
@@ -113,7 +113,12 @@ impl Tunnel {
         // Only a certificate identifies the vehicle at the other end.
         let presence = if tls_context.is_some() { Presence::by_links() } else { Presence::by_tokens() };
         Ok(Self {
-            shared: Arc::new(Shared { tls_context, presence, links: LinkBudget::new(), guests: GuestRates::default() }),
+            shared: Arc::new(TunnelState {
+                tls_context,
+                presence,
+                links: LinkBudget::new(),
+                guests: GuestRates::default(),
+            }),
             listeners,
             locals,
             runtime: Some(runtime),
@@ -192,9 +197,9 @@ impl Drop for Tunnel {
     }
 }
 
-/// What a host that dials this one is connected to.
+/// The sessions to which a host that dials this one is connected.
 struct Host {
-    shared: Arc<Shared>,
+    shared: Arc<TunnelState>,
     /// Where the session listens that is linked with the other vehicles.
     zenoh: ZenohListener,
     /// Where the feed listens.
@@ -305,7 +310,7 @@ impl LinkBudget {
 }
 
 /// Connects to another host for Zenoh, which dials again if that fails.
-async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
+async fn dial(here: local::Stream, endpoint: String, shared: Arc<TunnelState>) {
     let address = address(&endpoint);
     let reach = async {
         let socket = TcpStream::connect(address).await?;

@@ -13,7 +13,7 @@ use skein_core::formation::external::{LawQuery, LawReply, PeerState, ReplyComman
 pub struct Part {
     /// Number of values.
     pub values: usize,
-    /// What they are, with units.
+    /// Their meaning, with units.
     pub meaning: &'static str,
 }
 
@@ -123,7 +123,7 @@ fn nearest(own_m: Vector3<f64>, peers: &[PeerState]) -> Vec<&PeerState> {
 /// Decodes a reply.
 ///
 /// # Errors
-/// What is wrong with the datagram. The caller has to check that a reply answers the open query.
+/// The fault of the datagram. The caller has to check that a reply answers the open query.
 pub fn read(datagram: &[u8]) -> Result<LawReply, Fault> {
     let wrong_length = || Fault::Length(datagram.len(), 8 * ANSWER);
     let (chunks, []) = datagram.as_chunks::<8>() else { return Err(wrong_length()) };
