@@ -18,7 +18,7 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Whether this code has an arm of a `match` for one kind of plant. A comparison with one kind is none.
+/// Whether this code has an arm of a `match` for one kind of plant. A comparison with one kind does not count.
 fn decides_by_kind(code: &str) -> bool {
     code.match_indices("PlantKind::").any(|(at, found)| {
         let name = |letter: char| letter.is_alphanumeric() || letter == '_';
