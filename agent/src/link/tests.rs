@@ -46,7 +46,7 @@ fn trust(swarm: &SwarmName) -> Trust {
     }
 }
 
-/// What tests publish alone.
+/// Messages that only tests publish one by one.
 impl Link {
     fn publish_state(&self, state: &State, cell: Cell) {
         self.send(Messages { state: Some((*state, cell)), ..Messages::default() });

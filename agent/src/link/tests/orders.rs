@@ -1,4 +1,4 @@
-//! Which orders an agent accepts: an agent with an orders key, an operator, and a node that invents orders.
+//! The orders that an agent accepts: an agent with an orders key, an operator, and a node that invents orders.
 
 use super::*;
 use crate::link::signature::VerificationKey;

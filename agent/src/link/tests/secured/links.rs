@@ -1,4 +1,4 @@
-//! Which nodes get a link, and what they can do with it.
+//! The nodes that get a link, and what they can do with it.
 
 use super::*;
 

@@ -44,7 +44,7 @@ impl Swarm {
         Self { context: TlsContext::new(&tls).unwrap(), issuer, of_second }
     }
 
-    /// What this swarm takes the owner of such a certificate for.
+    /// The name and vehicle that this swarm sees in such a certificate.
     fn identify(&self, key: &KeyPair, name: DistinguishedName) -> Result<(String, Option<VehicleName>), String> {
         let peer = self.context.identify(&signed(&self.issuer, key, name).0);
         peer.map(|peer| (peer.name, peer.vehicle)).map_err(|error| error.to_string())
