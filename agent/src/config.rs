@@ -2,9 +2,9 @@
 //! trusts.
 
 pub mod fleet;
-mod security;
 
 use std::collections::BTreeMap;
+use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -14,16 +14,14 @@ use skein_common::scenario::{
 };
 
 use crate::link::Security;
+use crate::link::security::Tls;
 use crate::link::signature::VerificationKey;
-use crate::plant::xplane::XPlaneLinkError;
 use crate::plant::{PlantChoice, PlantError, PlantVehicle};
 use crate::unix;
-pub use security::SecurityTable;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::formation::{self, UnsupportedScenario};
 use skein_core::plant::Plant;
-use skein_core::start::StartAreaTooSmall;
 use skein_host::external::{self, ExternalError};
 use skein_host::files::{self, FileError};
 
@@ -77,7 +75,7 @@ pub struct AgentFile {
     /// Simulator's address, `HOST[:PORT]`.
     pub xplane: Option<String>,
     /// Keys and certificates; without them links are plain.
-    pub security: Option<SecurityTable>,
+    pub security: Option<Tls>,
 }
 
 /// Why an agent cannot start. Each error is one sentence that the user can act on.
@@ -92,13 +90,14 @@ pub enum ConfigError {
     /// The scenario is not valid.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// The scenario uses a feature that agents do not support.
+    /// Agents cannot fly the scenario: it uses a feature that they do not support, has too many vehicles for real time, or has
+    /// too little room for their starts.
     #[error("{file}: {source}")]
-    UnsupportedScenario {
+    InScenario {
         /// The scenario's file.
         file: String,
-        /// The unsupported feature.
-        source: UnsupportedScenario,
+        /// The fault in it.
+        source: Box<dyn Error + Send + Sync>,
     },
     /// The vehicle is not in the scenario.
     #[error("vehicle {id} does not fly in {file}, which has vehicles 1 to {vehicles}")]
@@ -118,22 +117,6 @@ pub enum ConfigError {
         /// The scenario's file.
         file: String,
     },
-    /// The fleet has too many agents for real time.
-    #[error("{file}: {source}")]
-    TooManyAgents {
-        /// The scenario's file.
-        file: String,
-        /// The number of agents.
-        source: fleet::TooManyAgents,
-    },
-    /// The vehicles do not fit into the start area.
-    #[error("{file}: {source}")]
-    StartAreaTooSmall {
-        /// The scenario's file.
-        file: String,
-        /// The start area and the vehicles.
-        source: StartAreaTooSmall,
-    },
     /// The plant cannot fly the vehicle.
     #[error(transparent)]
     Plant(#[from] PlantError),
@@ -146,6 +129,12 @@ pub enum ConfigError {
          `skein cluster up` prints"
     )]
     NoRun(String),
+}
+
+impl ConfigError {
+    fn in_scenario(file: &str, source: impl Error + Send + Sync + 'static) -> Self {
+        Self::InScenario { file: file.to_owned(), source: Box::new(source) }
+    }
 }
 
 /// The checked configuration of one agent.
@@ -235,7 +224,7 @@ impl AgentOptions {
         let name = path.display().to_string();
         let described = scenario::load_any(&Source { name: &name, text: &files::read(path)? }, &self.sets)?;
         let checked = fleet::check_size(described.all());
-        checked.map_err(|source| ConfigError::TooManyAgents { file: name, source })?;
+        checked.map_err(|source| ConfigError::in_scenario(&name, source))?;
         Ok(described)
     }
 
@@ -249,7 +238,7 @@ impl AgentOptions {
         let Loaded { mut notes, mut scenario, .. } = described
             .into_team(full_name.team)
             .ok_or_else(|| ConfigError::Team { name: full_name, file: name.clone() })?;
-        check_live(&scenario).map_err(|source| ConfigError::UnsupportedScenario { file: name.clone(), source })?;
+        check_live(&scenario).map_err(|source| ConfigError::in_scenario(&name, source))?;
         let vehicles = scenario.swarm.vehicles;
         let folder = path.parent().unwrap_or(Path::new(""));
         external::find(&mut scenario, folder)?;
@@ -275,7 +264,7 @@ impl AgentOptions {
         let vehicle = PlantVehicle { scenario: &scenario, id, aircraft: &aircraft, rules: &rules, flown_s };
         let plant = PlantChoice::new(plant.unwrap_or(scenario.swarm.plant), address.map(String::as_str), &vehicle);
         let plant = plant.map_err(|error| match error {
-            PlantError::StartArea(source) => ConfigError::StartAreaTooSmall { file: name, source },
+            PlantError::StartArea(source) => ConfigError::in_scenario(&name, source),
             error => error.into(),
         })?;
         let (security, orders_key) = match security {
@@ -284,10 +273,10 @@ impl AgentOptions {
                 let file = self.config.as_ref().map_or_else(String::new, |file| file.display().to_string());
                 return Err(ConfigError::NoRun(file));
             }
-            Some(table) => {
-                let (security, orders_key) = table.of(own_folder);
-                notes.extend(open_key(&security));
-                (security, Some(orders_key))
+            Some(tls) => {
+                let (orders_key, tls) = (tls.orders, tls.in_folder(own_folder));
+                notes.extend(open_key(&tls));
+                (Security::Tls(tls), Some(orders_key))
             }
         };
         let run = self.run.unwrap_or(0);
@@ -313,8 +302,8 @@ impl Node {
     /// Opens the plant. It touches no simulator before its first frame.
     ///
     /// # Errors
-    /// If a socket for the simulator cannot be opened.
-    pub fn open_plant(&self) -> Result<Box<dyn Plant>, XPlaneLinkError> {
+    /// If what the plant needs of this computer cannot be had.
+    pub fn open_plant(&self) -> Result<Box<dyn Plant>, PlantError> {
         let Self { scenario, id, aircraft, rules, flown_s, .. } = self;
         self.plant.open(&PlantVehicle { scenario, id: *id, aircraft, rules, flown_s: *flown_s })
     }
@@ -340,8 +329,7 @@ fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {
 }
 
 /// Note about a private key that other users can read.
-fn open_key(security: &Security) -> Option<String> {
-    let Security::Tls(tls) = security else { return None };
+fn open_key(tls: &Tls) -> Option<String> {
     let key = tls.key.display();
     unix::others_can_read(&tls.key).then(|| format!("{key}: other users can read this key; run chmod 600 {key}"))
 }

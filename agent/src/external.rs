@@ -11,14 +11,14 @@
 //! reply. A law that ends is started again; a law that disconnects may connect again.
 
 use std::collections::VecDeque;
-use std::fmt;
 use std::net::TcpListener;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use skein_common::id::VehicleId;
 use skein_common::message::ShortText;
 use skein_common::scenario::Scenario;
@@ -38,7 +38,7 @@ const RESTART_DELAY: Duration = Duration::from_secs(1);
 /// A datagram without a reply is sent again after this time.
 const RESEND_DELAY: Duration = Duration::from_secs(1);
 
-/// What waits for the control thread.
+/// Replies and refusals that wait for the control thread.
 #[derive(Debug, Default)]
 struct FromLaw {
     reply: Option<LawReply>,
@@ -104,7 +104,7 @@ impl LiveLaw {
     /// The newest reply since the last call that came in time, and the reason why something else was refused: one reason a
     /// call, and each kind of reason once. Never waits.
     pub fn take(&self) -> (Option<LawReply>, Option<ShortText>) {
-        let Ok(mut newest) = self.newest.try_lock() else { return (None, None) };
+        let Some(mut newest) = self.newest.try_lock() else { return (None, None) };
         (newest.reply.take(), newest.refusals.pop_front())
     }
 }
@@ -293,7 +293,7 @@ impl LawThread {
         if is_late {
             return Err(late);
         }
-        self.newest.lock().unwrap_or_else(PoisonError::into_inner).reply = Some(answer);
+        self.newest.lock().reply = Some(answer);
         Ok(())
     }
 
@@ -303,7 +303,7 @@ impl LawThread {
         // Its consequences are missed replies, and the agent counts those.
         if *count == 1 {
             let reason = ShortText::beginning_of(&fault.to_string());
-            self.newest.lock().unwrap_or_else(PoisonError::into_inner).refusals.push_back(reason);
+            self.newest.lock().refusals.push_back(reason);
         }
         if !matches!(fault, Fault::Late(_)) {
             self.open = None;
@@ -315,21 +315,12 @@ impl LawThread {
         let Some(mut session) = self.session.take() else { return };
         (self.is_ready, self.open) = (false, None);
         if !std::mem::replace(&mut self.has_ended, true) {
-            let next = Next(&self.transport);
+            let next = match self.transport {
+                LawTransport::Command(_) => "it is started again, now and whenever it ends",
+                LawTransport::Listen(..) | LawTransport::Udp { .. } => "it may come back",
+            };
             tracing::warn!("vehicle {}'s law {}; {next}", self.own, session.how_it_ended());
         }
-    }
-}
-
-/// What happens next to a law that has ended.
-struct Next<'a>(&'a LawTransport);
-
-impl fmt::Display for Next<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self.0 {
-            LawTransport::Command(_) => "it is started again, now and whenever it ends",
-            LawTransport::Listen(..) | LawTransport::Udp { .. } => "it may come back",
-        })
     }
 }
 

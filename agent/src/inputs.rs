@@ -42,7 +42,7 @@ const VERSION: u16 = 1;
 /// Bytes of a chunk's checksum.
 const CHECKSUM: usize = 8;
 
-/// What flies: the first chunk of a file of inputs.
+/// The first chunk of a file of inputs: what flies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Flown {
     /// Release that flew.
@@ -97,7 +97,7 @@ pub enum InputsError {
     Vehicle {
         /// The name.
         name: String,
-        /// What is wrong.
+        /// The fault in it.
         source: InvalidFleetVehicle,
     },
     /// The vehicle is not in the scenario.
@@ -118,7 +118,7 @@ impl Flown {
     /// The station as it was when the agent started.
     ///
     /// # Errors
-    /// What flies is not valid for this program.
+    /// If what flies is not valid for this program.
     pub fn station(&self) -> Result<Station, InputsError> {
         let described = scenario::load_any(&Source { name: "scenario.toml", text: &self.scenario }, &[])?;
         let name: VehicleName =
@@ -143,7 +143,7 @@ pub fn is_fault(event: &EventKind) -> bool {
     event.severity() == Severity::Error && *event != EventKind::OwnDataStale
 }
 
-/// What a file begins with: its kind, and what flies.
+/// The beginning of a file: its kind, and what flies.
 fn beginning(flown: &Flown) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
     bytes.extend(VERSION.to_le_bytes());

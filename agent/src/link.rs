@@ -33,7 +33,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use skein_common::frame::Origin;
 use skein_common::id::{SwarmName, VehicleId, VehicleName};
-use skein_common::message::{Drops, Event, Heartbeat, Message, Order, Reason, Refused, State, Summary, Trace};
+use skein_common::message::{Drops, Heartbeat, Message, Order, Reason};
 use skein_common::time::LocalTime;
 use skein_common::topic::{Author, Branch, Cell, Topic, all};
 use zenoh::bytes::ZBytes;
@@ -294,29 +294,9 @@ impl Link {
         self.receiver.strangers.drain(states, intents);
     }
 
-    /// Subscribes to the states of other teams' vehicles in these cells, and in no others.
-    pub fn subscribe_to(&self, cells: Vec<Cell>) {
-        self.send(Messages { cells: Some(cells), ..Messages::default() });
-    }
-
     /// Hands over the messages of one step. Never waits for the network.
     pub fn send(&self, messages: Messages) {
         self.outgoing.hand_over(messages);
-    }
-
-    /// Publishes the own state under the key of its cell.
-    pub fn publish_state(&self, state: &State, cell: Cell) {
-        self.send(Messages { state: Some((*state, cell)), ..Messages::default() });
-    }
-
-    /// Publishes the own heartbeat with the agreement state, and keeps it for agents that start late.
-    pub fn publish_mission(&self, mission: &Heartbeat) {
-        self.send(Messages { mission: Some(*mission), ..Messages::default() });
-    }
-
-    /// Publishes an event.
-    pub fn publish_event(&self, event: &Event) {
-        self.send(Messages { events: vec![*event], ..Messages::default() });
     }
 
     /// Whether the trace has a subscriber.
@@ -338,13 +318,12 @@ impl Link {
         let publisher =
             MessagePublisher::open(&self.sessions, &self.receiver, &Topic::Health(self.own), Priority::DataHigh)?;
         let clocks = Clocks::open(&self.sessions, &self.receiver, self.own, utc)?;
-        let sessions = self.sessions.all.iter().map(Arc::downgrade).collect();
-        Ok(HealthPublisher { publisher, receiver: self.receiver.clone(), clocks, sessions, live: Vec::new() })
+        Ok(HealthPublisher { publisher, clocks, live: Vec::new() })
     }
 
     /// Number of messages dropped so far, by reason.
     pub fn drops(&self) -> Drops {
-        self.receiver.inbox.drops()
+        self.receiver.inbox.refusals.drops()
     }
 
     /// Number of events and traces that were not sent because the network was too slow.
@@ -368,12 +347,12 @@ struct ZenohNetwork {
     sessions: Sessions,
     clock: LocalClock,
     cells: SubscribedCells,
-    mission: MessagePublisher<Heartbeat>,
+    mission: MessagePublisher,
     /// Answer the queries of agents that start late with the last heartbeat.
     _queryables: Vec<Queryable<()>>,
-    event: MessagePublisher<Event>,
-    trace: MessagePublisher<Trace>,
-    summary: MessagePublisher<Summary>,
+    event: MessagePublisher,
+    trace: MessagePublisher,
+    summary: MessagePublisher,
 }
 
 impl Network for ZenohNetwork {
@@ -399,7 +378,7 @@ impl Network for ZenohNetwork {
 impl ZenohNetwork {
     /// Publishes under the key of a cell. Cells change, so no publisher is declared.
     fn put_in_cell(&self, key: &str, bytes: Vec<u8>, priority: Priority, express: bool, reliability: Reliability) {
-        self.receiver.traffic.sent(bytes.len());
+        self.receiver.traffic.sent.add(bytes.len());
         let bytes = ZBytes::from(bytes);
         for session in self.sessions.published() {
             let put = session.put(key, bytes.clone()).congestion_control(CongestionControl::Drop).priority(priority);
@@ -457,22 +436,22 @@ impl LinkReceiver {
     }
 
     fn receive_as<M: Message>(&self, key: &str, bytes: &[u8], at: LocalTime, message: impl Fn(M) -> PeerMessage) {
-        self.traffic.received(bytes.len());
+        self.traffic.received.add(bytes.len());
         match self.branch.own(key).map(|topic| topic.author()) {
             // Replayed by another node, or delivered while the sender's link broke.
             Some(Author::Vehicle(id)) if !self.presence.may_send(self.branch.name(id)) => {
-                self.inbox.refuse(Reason::Old, key, &"its sender has no link");
+                self.inbox.refusals.refuse(Reason::Old, key, &"its sender has no link");
             }
             _ => match self.key_ring.read::<M>(key, bytes) {
                 Ok(verified) => self.store(key, message(verified.message), verified.run, at),
-                Err(error) => self.inbox.refuse(error.reason(), key, &error),
+                Err(error) => self.inbox.refusals.refuse(error.reason(), key, &error),
             },
         }
     }
 
     /// Stores a message if the trust rules accept it. `run` is the run of the swarm in its signature, if it has one.
     fn store(&self, key: &str, message: PeerMessage, run: Option<u64>, at: LocalTime) {
-        let refused = |reason: Reason| self.inbox.refuse(reason, key, &reason);
+        let refused = |reason: Reason| self.inbox.refusals.refuse(reason, key, &reason);
         if let Some(message) = self.verifier.accept(message, run, refused) {
             self.inbox.store(key, Received { message, at });
         }
@@ -483,7 +462,10 @@ impl LinkReceiver {
         let (id, message) = match change {
             Change::Appeared(id) => (id, PeerMessage::Appeared(id)),
             Change::Vanished(id) => (id, PeerMessage::Vanished(id)),
-            Change::Refused(address) => return self.inbox.count(Reason::Link, &address),
+            Change::Refused(address) => {
+                self.inbox.refusals.count(Reason::Link, &address);
+                return;
+            }
         };
         // The own token is reported like any other.
         if id != self.own {
@@ -494,10 +476,6 @@ impl LinkReceiver {
     /// Encodes one of the own messages, with a signature where messages are signed.
     fn write(&self, key: &str, message: &impl Message) -> Vec<u8> {
         self.key_ring.write(self.signing_key.as_deref(), self.verifier.run(), key, message)
-    }
-
-    fn refused(&self) -> Vec<Refused> {
-        self.inbox.refused()
     }
 }
 

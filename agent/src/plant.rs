@@ -11,7 +11,6 @@ use skein_core::builtin::BuiltInPlant;
 use skein_core::plant::Plant;
 
 pub use vehicle::{PlantError, PlantVehicle};
-use xplane::XPlaneLinkError;
 
 /// The plant that flies a vehicle.
 #[derive(Clone, Debug)]
@@ -33,8 +32,12 @@ impl PlantChoice {
     pub fn new(kind: PlantKind, address: Option<&str>, vehicle: &PlantVehicle<'_>) -> Result<Self, PlantError> {
         let &PlantVehicle { scenario, id, .. } = vehicle;
         let kind = if address.is_some() && !kind.spec().has_address() { PlantKind::Xplane } else { kind };
-        if kind.spec().command_for(scenario.plant.model).is_none() {
-            return Err(PlantError::PointMassInXPlane(id));
+        // The controller is made from the scenario, which every vehicle has alike.
+        let command = |kind: PlantKind| kind.spec().command_for(scenario.plant.model);
+        match command(kind) {
+            None => return Err(PlantError::OtherModel { id, model: scenario.plant.model }),
+            taken if taken != command(scenario.swarm.plant) => return Err(PlantError::OtherCommands(id)),
+            _ => {}
         }
         let address = || {
             let of_scenario = || scenario.vehicle(id).and_then(|vehicle| vehicle.xplane.as_deref());
@@ -59,12 +62,12 @@ impl PlantChoice {
     /// Opens the plant. It touches no simulator before its first frame.
     ///
     /// # Errors
-    /// If a socket for the simulator cannot be opened.
-    pub fn open(&self, vehicle: &PlantVehicle<'_>) -> Result<Box<dyn Plant>, XPlaneLinkError> {
+    /// If what the plant needs of this computer, such as a socket for the simulator, cannot be had.
+    pub fn open(&self, vehicle: &PlantVehicle<'_>) -> Result<Box<dyn Plant>, PlantError> {
         Ok(match self {
             Self::BuiltIn(built_in) => Box::new(builtin::open(built_in, vehicle)),
-            Self::Standin(address) => Box::new(xplane::open(Some(*address), vehicle)?),
-            Self::XPlane(address) => Box::new(xplane::open(*address, vehicle)?),
+            Self::Standin(address) => xplane::open(Some(*address), vehicle)?,
+            Self::XPlane(address) => xplane::open(*address, vehicle)?,
         })
     }
 }

@@ -42,7 +42,7 @@ use crate::inputs::{Flown, Keeper, Recorder};
 use crate::link::{
     CLOCK_QUERY_PERIOD, HealthPublisher, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME,
 };
-use crate::plant::xplane;
+use crate::plant::PlantError;
 use crate::unix;
 use control::Control;
 use skein_core::energy::Energy;
@@ -102,9 +102,9 @@ pub enum RunError {
     /// The network could not be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The simulator could not be opened.
+    /// The plant could not be opened.
     #[error(transparent)]
-    Plant(#[from] xplane::XPlaneLinkError),
+    Plant(#[from] PlantError),
     /// The scenario uses a feature that agents do not support.
     #[error(transparent)]
     UnsupportedScenario(#[from] UnsupportedScenario),

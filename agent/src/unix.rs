@@ -107,7 +107,7 @@ mod on_unix {
     }
 
     /// Sends a notification to a socket named by its path, or by an abstract name after an `@`.
-    fn notify(socket: &OsStr, what: &str) -> io::Result<usize> {
+    pub(super) fn notify(socket: &OsStr, what: &str) -> io::Result<usize> {
         let datagram = UnixDatagram::unbound()?;
         datagram.set_nonblocking(true)?;
         #[cfg(target_os = "linux")]
@@ -141,49 +141,6 @@ mod on_unix {
                 _ = terminate.recv() => {}
                 _ = hangup.recv() => {}
             }
-        }
-    }
-
-    #[cfg(test)]
-    mod tests {
-        use super::*;
-
-        fn receives(service: &UnixDatagram, name: &OsStr) {
-            let mut received = [0; 64];
-            for what in ["READY=1", "WATCHDOG=1"] {
-                assert_eq!(notify(name, what).unwrap(), what.len());
-                let length = service.recv(&mut received).unwrap();
-                assert_eq!(&received[..length], what.as_bytes());
-            }
-        }
-
-        #[test]
-        fn a_service_manager_is_notified() {
-            let folder = tempfile::tempdir().unwrap();
-            let path = folder.path().join("notify");
-            receives(&UnixDatagram::bind(&path).unwrap(), path.as_os_str());
-            assert!(notify(path.with_extension("not").as_os_str(), "READY=1").is_err());
-        }
-
-        #[cfg(target_os = "linux")]
-        #[test]
-        fn a_service_manager_with_an_abstract_socket_is_notified() {
-            use std::os::linux::net::SocketAddrExt;
-            let name = format!("skein-notify-{}", std::process::id());
-            let address = std::os::unix::net::SocketAddr::from_abstract_name(&name).unwrap();
-            receives(&UnixDatagram::bind_addr(&address).unwrap(), OsStr::new(&format!("@{name}")));
-        }
-
-        #[test]
-        fn a_key_that_other_users_can_read_is_detected() {
-            let folder = tempfile::tempdir().unwrap();
-            let path = folder.path().join("key");
-            std::fs::write(&path, "").unwrap();
-            for (mode, others_can) in [(0o600, false), (0o640, true), (0o604, true), (0o400, false)] {
-                std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
-                assert_eq!(others_can_read(&path), others_can, "{mode:o}");
-            }
-            assert!(!others_can_read(&folder.path().join("none")));
         }
     }
 }
@@ -240,5 +197,54 @@ mod plain {
                 std::future::pending::<()>().await;
             }
         }
+    }
+}
+
+#[cfg(unix)]
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsStr;
+    use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::net::UnixDatagram;
+
+    use super::on_unix::notify;
+    use super::*;
+
+    fn receives(service: &UnixDatagram, name: &OsStr) {
+        let mut received = [0; 64];
+        for what in ["READY=1", "WATCHDOG=1"] {
+            assert_eq!(notify(name, what).unwrap(), what.len());
+            let length = service.recv(&mut received).unwrap();
+            assert_eq!(&received[..length], what.as_bytes());
+        }
+    }
+
+    #[test]
+    fn a_service_manager_is_notified() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("notify");
+        receives(&UnixDatagram::bind(&path).unwrap(), path.as_os_str());
+        assert!(notify(path.with_extension("not").as_os_str(), "READY=1").is_err());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_service_manager_with_an_abstract_socket_is_notified() {
+        use std::os::linux::net::SocketAddrExt;
+        let name = format!("skein-notify-{}", std::process::id());
+        let address = std::os::unix::net::SocketAddr::from_abstract_name(&name).unwrap();
+        receives(&UnixDatagram::bind_addr(&address).unwrap(), OsStr::new(&format!("@{name}")));
+    }
+
+    #[test]
+    fn a_key_that_other_users_can_read_is_detected() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key");
+        std::fs::write(&path, "").unwrap();
+        for (mode, others_can) in [(0o600, false), (0o640, true), (0o604, true), (0o400, false)] {
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).unwrap();
+            assert_eq!(others_can_read(&path), others_can, "{mode:o}");
+        }
+        assert!(!others_can_read(&folder.path().join("none")));
     }
 }

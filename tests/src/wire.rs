@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, Command as Arguments, FromArgMatches};
 use rand::Rng;
 use skein_agent::plant::xplane::client::{Client, Indices};
-use skein_agent::plant::xplane::server::{Dataref, Task, Value};
+use skein_agent::plant::xplane::server::{Dataref, Task};
 use skein_agent::plant::xplane::standin::{RunState, Simulator, StandinOptions};
 use skein_agent::plant::xplane::wire::aircraft::Load;
 use skein_agent::plant::xplane::wire::dref::Template;
@@ -180,15 +180,11 @@ impl Swarm {
             let mut client = Client::new(&origin, &aircraft.xplane, RATE_HZ, indices.expect("random numbers"))
                 .expect("a profile that fits");
             client.inquire();
-            if scenario.plant.random_failures {
-                client.want_random_failures();
-            }
-            client.show_up_to(scenario.plant.show_peers, scenario.plant.peer_acf.as_deref()).expect("a path that fits");
+            client.set_up(&scenario.plant).expect("a path that fits");
             let options = options(scenario, &origin, id, start, cell);
             let alt_m = options.alt_m + ground_m;
             let options = StandinOptions { acf: acf.to_owned(), alt_m, ..options };
             let simulator = Simulator::new(&options).expect("valid options");
-            scenario.plant.stick_release.into_iter().for_each(|deflection| client.release_at(deflection));
             Vehicle {
                 id,
                 station: Station::new(scenario, id, Incarnation(1), (aircraft, Rules::shipped()), clocks)
@@ -401,9 +397,8 @@ impl Swarm {
     /// If the simulator has no such number.
     pub fn read(&mut self, nth: usize, path: &str) -> f64 {
         let dataref = Dataref::all().iter().position(|dataref| dataref.path() == path).expect("a dataref");
-        let values = self.vehicles[nth].simulator.serve(&Task::Read(vec![dataref])).expect("a frame");
-        let [Value::Number(value)] = values[..] else { panic!("{path} is not a number: {values:?}") };
-        value
+        let values = self.vehicles[nth].simulator.serve(&Task::Read(vec![(dataref, None)])).expect("a frame");
+        values.first().and_then(|value| value.as_f64()).expect("a number")
     }
 
     /// Sends an order to a simulator several times, because one may be lost.

@@ -8,9 +8,9 @@ use super::{CHECKSUM, Flown, InputsError, MAGIC, VERSION, checksum, encoded};
 /// One step of a file of inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedStep {
-    /// What entered the station.
+    /// The inputs that entered the station.
     pub inputs: StepInputs,
-    /// What left it; `None` if the core panicked in this step, or if the file ends here.
+    /// The outputs that left it; `None` if the core panicked in this step, or if the file ends here.
     pub outputs: Option<Outputs>,
 }
 
@@ -21,7 +21,7 @@ pub struct InputsReader<'a> {
     file: &'a [u8],
     /// The first byte after the current chunk.
     next: usize,
-    /// What is left of the current chunk.
+    /// The rest of the current chunk.
     content: &'a [u8],
     is_cut_off: bool,
 }
@@ -44,7 +44,7 @@ impl<'a> InputsReader<'a> {
         Ok(Self { flown, file, next, content: &[], is_cut_off: false })
     }
 
-    /// What flies.
+    /// The first chunk: what flies.
     pub fn flown(&self) -> &Flown {
         &self.flown
     }

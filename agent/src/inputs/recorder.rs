@@ -130,10 +130,10 @@ impl Keeper {
     }
 }
 
-/// What the thread keeps.
+/// The chunks that the thread keeps.
 struct Kept {
     path: PathBuf,
-    /// What waits in memory until there is a file.
+    /// Chunks that wait in memory until there is a file.
     held: Vec<Vec<u8>>,
     held_bytes: usize,
     file: Option<File>,

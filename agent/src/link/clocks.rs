@@ -4,9 +4,10 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use skein_common::id::VehicleId;
 use skein_common::message::{ClockAnswer, ClockOffset, PeerHealth};
 use skein_common::state::PeerStatus;
@@ -34,8 +35,9 @@ pub type Utc = fn() -> u64;
 
 /// Answers queries for the own clock and queries the peers' clocks.
 pub(super) struct Clocks {
-    sessions: Vec<Weak<Session>>,
-    receiver: Arc<LinkReceiver>,
+    /// Weak, so that the sessions end with the link.
+    pub(super) sessions: Vec<Weak<Session>>,
+    pub(super) receiver: Arc<LinkReceiver>,
     utc: Utc,
     measurements: Arc<Mutex<BTreeMap<VehicleId, Measurements>>>,
     /// Peer of the last query.
@@ -93,7 +95,7 @@ impl Clocks {
             let offset = answer.and_then(|answer| ClockOffset::of_exchange(asked_ns, &answer, round_trip_ns));
             // One query counts at most once.
             if let Some(offset) = offset.filter(|_| !answered.swap(true, Relaxed)) {
-                lock(&measurements).entry(id).or_default().add(now(), offset);
+                measurements.lock().entry(id).or_default().add(now(), offset);
             }
         };
         // The peer is linked to one of the sessions.
@@ -110,7 +112,7 @@ impl Clocks {
     /// Writes each peer's clock offset into its health entry; logs a clock whose offset has become large or small
     /// again.
     pub(super) fn report(&self, peers: &mut [PeerHealth]) {
-        let mut measurements = lock(&self.measurements);
+        let mut measurements = self.measurements.lock();
         let valid_for = VALID_FOR.max(CLOCK_QUERY_PERIOD * 3 * u32::try_from(measurements.len()).unwrap_or(u32::MAX));
         let now = now();
         measurements.values_mut().for_each(|known| known.expire(now, valid_for));
@@ -170,11 +172,6 @@ fn aged((at, measured): &(Instant, ClockOffset), now: Instant) -> ClockOffset {
 /// The peers in contact, which can be queried.
 pub(super) fn live(peers: &[PeerHealth]) -> Vec<VehicleId> {
     peers.iter().filter(|peer| peer.standing != PeerStatus::Lost).map(|peer| peer.id).collect()
-}
-
-/// Locks the measurements. No holder can panic, so poisoning is ignored.
-fn lock(measurements: &Mutex<BTreeMap<VehicleId, Measurements>>) -> MutexGuard<'_, BTreeMap<VehicleId, Measurements>> {
-    measurements.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

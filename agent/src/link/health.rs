@@ -1,22 +1,20 @@
 //! Publishes health once a second, on a thread that may block: the control thread's report, completed by the link's own
 //! counts and clock comparison.
-use std::sync::{Arc, Weak};
+
+use std::sync::Weak;
 
 use skein_common::id::VehicleId;
 use skein_common::message::{Health, Refused};
 
-use zenoh::{Session, Wait};
+use zenoh::Wait;
 
+use super::MessagePublisher;
 use super::clocks::{Clocks, live};
-use super::{LinkReceiver, MessagePublisher};
 
 /// Publisher of health messages.
 pub struct HealthPublisher {
-    pub(super) publisher: MessagePublisher<Health>,
-    pub(super) receiver: Arc<LinkReceiver>,
+    pub(super) publisher: MessagePublisher,
     pub(super) clocks: Clocks,
-    /// Weak, so that the sessions end with the link.
-    pub(super) sessions: Vec<Weak<Session>>,
     /// Peers in contact at the last health message.
     pub(super) live: Vec<VehicleId>,
 }
@@ -25,9 +23,10 @@ impl HealthPublisher {
     /// Publishes a health message after adding the refused messages, the traffic and the peers' clock offsets.
     pub fn publish(&mut self, mut health: Health) {
         health.links = self.links();
-        (health.sent, health.received) = self.receiver.traffic.counts();
+        let receiver = &self.clocks.receiver;
+        (health.sent, health.received) = receiver.traffic.counts();
         let of_core = std::mem::take(&mut health.refused);
-        health.refused = self.receiver.refused();
+        health.refused = receiver.inbox.refusals.latest();
         health.refused.extend(of_core);
         health.refused.truncate(Refused::MAX_COUNT);
         self.live = live(&health.peers);
@@ -37,7 +36,7 @@ impl HealthPublisher {
 
     /// Number of links of all sessions.
     fn links(&self) -> u32 {
-        let sessions = self.sessions.iter().filter_map(Weak::upgrade);
+        let sessions = self.clocks.sessions.iter().filter_map(Weak::upgrade);
         let links: usize = sessions.map(|session| session.info().peers_zid().wait().count()).sum();
         u32::try_from(links).unwrap_or(u32::MAX)
     }

@@ -4,10 +4,9 @@
 //! takes the place: two orders that are both in force both wait. The inbox therefore needs no queue, never overflows, and is
 //! bounded by the number of vehicle ids and of keys that can change in flight.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
+use parking_lot::Mutex;
 use skein_common::id::VehicleId;
-use skein_common::message::{Drops, Order, Reason, Refused, StandingOrders};
+use skein_common::message::{Order, Reason, StandingOrders};
 use skein_common::scenario::TunableKey;
 
 use super::refusals::Refusals;
@@ -20,7 +19,8 @@ const CAPACITY: usize = 4 * VehicleId::MAX as usize + 1 + TunableKey::ALL.len();
 #[derive(Debug)]
 pub(super) struct Inbox {
     waiting: Mutex<Waiting>,
-    refusals: Refusals,
+    /// The messages that were refused.
+    pub(super) refusals: Refusals,
 }
 
 #[derive(Debug)]
@@ -38,48 +38,21 @@ impl Inbox {
 
     /// Stores a message that came under this key, in place of an older one of the same peer and kind.
     pub(super) fn store(&self, key: &str, new: Received) {
-        if !self.lock().add(new) {
+        if !self.waiting.lock().add(new) {
             self.refusals.count(Reason::Old, key);
         }
     }
 
     /// Moves all messages to the end of `received`.
     pub(super) fn drain(&self, received: &mut Vec<Received>) {
-        let mut waiting = self.lock();
+        let mut waiting = self.waiting.lock();
         received.append(&mut waiting.received);
         waiting.orders = StandingOrders::default();
     }
 
-    /// Counts a refused message that was logged already.
-    pub(super) fn count(&self, reason: Reason, key: &str) {
-        self.refusals.count(reason, key);
-    }
-
-    /// Counts a refused message; logs the first, second, fourth, eighth and so on.
-    pub(super) fn refuse(&self, reason: Reason, key: &str, what: &dyn std::fmt::Display) {
-        let count = self.refusals.count(reason, key);
-        if count.is_power_of_two() {
-            tracing::warn!(count, key, "message refused: {what}");
-        }
-    }
-
     /// Number of messages that wait.
     pub(super) fn len(&self) -> usize {
-        self.lock().received.len()
-    }
-
-    pub(super) fn drops(&self) -> Drops {
-        self.refusals.drops()
-    }
-
-    /// The refused messages by reason and key, the latest first.
-    pub(super) fn refused(&self) -> Vec<Refused> {
-        self.refusals.latest()
-    }
-
-    /// Locks the messages. No holder can panic, so poisoning is ignored.
-    fn lock(&self) -> MutexGuard<'_, Waiting> {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+        self.waiting.lock().received.len()
     }
 }
 
@@ -135,6 +108,6 @@ fn is_later(new: &PeerMessage, kept: &PeerMessage) -> bool {
 #[cfg(test)]
 impl Inbox {
     pub(super) fn capacity(&self) -> usize {
-        self.lock().received.capacity()
+        self.waiting.lock().received.capacity()
     }
 }

@@ -10,11 +10,12 @@
 
 use std::collections::VecDeque;
 use std::io;
+use std::sync::Arc;
 use std::sync::mpsc;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
+use parking_lot::{Condvar, Mutex};
 use skein_common::message::{Event, Heartbeat, Intent, State, Summary, Trace};
 use skein_common::topic::Cell;
 
@@ -27,17 +28,17 @@ const TRACES_AT_ONCE: usize = 5;
 /// Time for the publisher's thread to send the waiting messages when it ends.
 const END_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// The messages of one step.
+/// The messages of one step, or those that were handed over and not yet sent.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Messages {
     /// The own state, and the cell whose key it is published under.
     pub state: Option<(State, Cell)>,
     /// The own heartbeat, which carries the agreement state.
     pub mission: Option<Heartbeat>,
-    /// Events of the step.
-    pub events: Vec<Event>,
-    /// Trace of the step.
-    pub trace: Option<Trace>,
+    /// Events, the oldest first.
+    pub events: VecDeque<Event>,
+    /// Traces, the oldest first.
+    pub traces: VecDeque<Trace>,
     /// Summary after the step.
     pub summary: Option<Summary>,
     /// The intent of the own team, and the cells whose keys it is published under.
@@ -46,35 +47,23 @@ pub struct Messages {
     pub cells: Option<Vec<Cell>>,
 }
 
-/// Messages that were handed over and not yet sent.
-#[derive(Debug, Default)]
-pub(super) struct Waiting {
-    pub(super) state: Option<(State, Cell)>,
-    pub(super) mission: Option<Heartbeat>,
-    pub(super) events: VecDeque<Event>,
-    pub(super) traces: VecDeque<Trace>,
-    pub(super) summary: Option<Summary>,
-    pub(super) intent: Option<(Intent, Vec<Cell>)>,
-    pub(super) cells: Option<Vec<Cell>>,
-}
-
 /// The publisher's thread and its waiting messages.
 #[derive(Debug)]
 pub(super) struct Outgoing {
-    shared: Arc<Shared>,
+    shared: Arc<Handover>,
     /// Disconnected when the thread has ended.
     ended: mpsc::Receiver<()>,
 }
 
 #[derive(Debug, Default)]
-struct Shared {
+struct Handover {
     held: Mutex<Held>,
     handed_over: Condvar,
 }
 
 #[derive(Debug, Default)]
 struct Held {
-    waiting: Waiting,
+    waiting: Messages,
     /// Number of events and traces dropped from a full queue since the start.
     dropped: u64,
     is_over: bool,
@@ -85,12 +74,12 @@ impl Outgoing {
     ///
     /// # Errors
     /// If a thread cannot be started.
-    pub(super) fn start(mut send: impl FnMut(&mut Waiting) + Send + 'static) -> io::Result<Self> {
-        let shared = Arc::<Shared>::default();
+    pub(super) fn start(mut send: impl FnMut(&mut Messages) + Send + 'static) -> io::Result<Self> {
+        let shared = Arc::<Handover>::default();
         let (ending, ended) = mpsc::sync_channel::<()>(1);
         let of_thread = shared.clone();
         thread::Builder::new().name("publisher".to_owned()).spawn(move || {
-            let (mut waiting, mut known) = (Waiting::default(), 0);
+            let (mut waiting, mut known) = (Messages::default(), 0);
             while let Some(dropped) = of_thread.next(&mut waiting) {
                 if dropped > known {
                     known = dropped;
@@ -110,8 +99,8 @@ impl Outgoing {
     }
 
     /// Swaps the waiting messages for the empty `sent` if they are due, in place of the thread. Returns whether they were.
-    pub(super) fn take_due(&self, sent: &mut Waiting) -> bool {
-        let mut held = self.shared.lock();
+    pub(super) fn take_due(&self, sent: &mut Messages) -> bool {
+        let mut held = self.shared.held.lock();
         let is_due = held.waiting.is_due();
         if is_due {
             std::mem::swap(&mut held.waiting, sent);
@@ -121,15 +110,15 @@ impl Outgoing {
 
     /// Number of events and traces that wait.
     pub(super) fn queued(&self) -> (usize, usize) {
-        let held = self.shared.lock();
+        let held = self.shared.held.lock();
         (held.waiting.events.len(), held.waiting.traces.len())
     }
 
     /// Hands over the messages of one step. Never waits for the network.
     pub(super) fn hand_over(&self, messages: Messages) {
         let is_due = {
-            let mut held = self.shared.lock();
-            held.add(messages);
+            let mut held = self.shared.held.lock();
+            held.dropped += held.waiting.add(messages);
             held.waiting.is_due()
         };
         if is_due {
@@ -139,7 +128,7 @@ impl Outgoing {
 
     /// Number of events and traces dropped since the start because the network was too slow.
     pub(super) fn dropped(&self) -> u64 {
-        self.shared.lock().dropped
+        self.shared.held.lock().dropped
     }
 
     /// Ends the thread after the waiting messages are sent, at the latest after [`END_TIMEOUT`].
@@ -155,17 +144,12 @@ impl Drop for Outgoing {
     }
 }
 
-impl Shared {
+impl Handover {
     /// Waits for messages and swaps them for the empty `sent`. Returns the number of dropped messages since the start,
     /// or `None` at the end, when no message waits.
-    fn next(&self, sent: &mut Waiting) -> Option<u64> {
-        let mut held = self.lock();
-        while !held.waiting.is_due() {
-            if held.is_over {
-                break;
-            }
-            held = self.handed_over.wait(held).unwrap_or_else(PoisonError::into_inner);
-        }
+    fn next(&self, sent: &mut Messages) -> Option<u64> {
+        let mut held = self.held.lock();
+        self.handed_over.wait_while(&mut held, |held| !held.waiting.is_due() && !held.is_over);
         if held.waiting.is_empty() {
             return None;
         }
@@ -174,41 +158,33 @@ impl Shared {
     }
 
     fn end(&self) {
-        self.lock().is_over = true;
+        self.held.lock().is_over = true;
         self.handed_over.notify_one();
     }
-
-    /// Locks the waiting messages. No holder can panic, so poisoning is ignored.
-    fn lock(&self) -> MutexGuard<'_, Held> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
-impl Held {
-    fn add(&mut self, messages: Messages) {
-        let Self { waiting, dropped, .. } = self;
-        waiting.state = messages.state.or(waiting.state.take());
-        waiting.mission = messages.mission.or(waiting.mission.take());
-        waiting.summary = messages.summary.or(waiting.summary.take());
-        waiting.intent = messages.intent.or(waiting.intent.take());
-        waiting.cells = messages.cells.or(waiting.cells.take());
-        for event in messages.events {
-            *dropped += push(&mut waiting.events, event, MAX_EVENTS);
-        }
-        if let Some(trace) = messages.trace {
-            *dropped += push(&mut waiting.traces, trace, MAX_TRACES);
-        }
+impl Messages {
+    /// Adds the messages of a later step. Returns how many events and traces were dropped for them.
+    fn add(&mut self, later: Self) -> u64 {
+        let mut dropped = 0;
+        self.state = later.state.or(self.state.take());
+        self.mission = later.mission.or(self.mission.take());
+        self.summary = later.summary.or(self.summary.take());
+        self.intent = later.intent.or(self.intent.take());
+        self.cells = later.cells.or(self.cells.take());
+        later.events.into_iter().for_each(|event| dropped += push(&mut self.events, event, MAX_EVENTS));
+        later.traces.into_iter().for_each(|trace| dropped += push(&mut self.traces, trace, MAX_TRACES));
+        dropped
     }
-}
 
-impl Waiting {
     /// Whether the publisher's thread has to send now.
     fn is_due(&self) -> bool {
-        self.has_more_than_traces() || self.traces.len() >= TRACES_AT_ONCE
+        self.traces.len() >= TRACES_AT_ONCE || self.has_more_than_traces()
     }
 
-    fn is_empty(&self) -> bool {
-        !self.has_more_than_traces() && self.traces.is_empty()
+    /// Whether there are none.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.traces.is_empty() && !self.has_more_than_traces()
     }
 
     fn has_more_than_traces(&self) -> bool {
@@ -265,11 +241,11 @@ mod tests {
 
     fn trace(sequence: u64) -> Messages {
         let trace = Trace::new(header(sequence), PlantTime::ZERO, VehicleFacts::default());
-        Messages { trace: Some(trace), ..Messages::default() }
+        Messages { traces: [trace].into(), ..Messages::default() }
     }
 
     fn step(sequence: u64) -> Messages {
-        let events = vec![Event { header: header(sequence), what: EventKind::Landed }];
+        let events = [Event { header: header(sequence), what: EventKind::Landed }].into();
         Messages { mission: Some(heartbeat(sequence)), events, ..Messages::default() }
     }
 
@@ -304,7 +280,7 @@ mod tests {
     fn traces_wait_for_each_other_or_for_another_message_or_the_end() {
         let (sent, was_sent) = mpsc::channel();
         let outgoing = Outgoing::start(move |waiting| {
-            let Waiting { mission, traces, .. } = std::mem::take(waiting);
+            let Messages { mission, traces, .. } = std::mem::take(waiting);
             sent.send((mission.is_some(), traces.len())).unwrap();
         })
         .unwrap();

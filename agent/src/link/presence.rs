@@ -3,9 +3,10 @@
 //! any token.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use skein_common::id::{VehicleId, VehicleName};
 use skein_common::topic::{Branch, Topic, all};
 use zenoh::sample::{Sample, SampleKind};
@@ -41,6 +42,7 @@ struct Listener {
 pub struct Presence {
     /// Whether links decide; otherwise tokens do.
     by_links: bool,
+    /// Changes are reported under this lock, so that their order is the order in which they happened.
     tracked: Mutex<Tracked>,
 }
 
@@ -90,7 +92,7 @@ impl Presence {
 
     /// Reports every change of one swarm's vehicles by their links from now on, starting with those already up.
     pub(super) fn watch_links(&self, branch: Branch, notify: impl Fn(Change) + Send + Sync + 'static) {
-        let mut tracked = self.lock();
+        let mut tracked = self.tracked.lock();
         let own = tracked.links.keys().filter(|name| name.team == branch.team());
         own.for_each(|name| notify(Change::Appeared(name.vehicle)));
         tracked.listeners.push(Listener { branch, notify: Box::new(notify) });
@@ -99,18 +101,18 @@ impl Presence {
     /// Whether a message can come from this vehicle itself. Peers do not relay, so a vehicle without a link sends
     /// nothing.
     pub fn may_send(&self, name: VehicleName) -> bool {
-        !self.by_links || self.lock().links.contains_key(&name)
+        !self.by_links || self.tracked.lock().links.contains_key(&name)
     }
 
     /// Number of vehicles with a link.
     pub(super) fn linked(&self) -> usize {
-        self.lock().links.len()
+        self.tracked.lock().links.len()
     }
 
     /// Registers a link that lasts until the returned value is dropped. `with` is `None` for an observer or operator.
     pub(super) fn link(self: &Arc<Self>, with: Option<VehicleName>) -> LinkGuard {
         if let Some(name) = with {
-            let mut tracked = self.lock();
+            let mut tracked = self.tracked.lock();
             let count = tracked.links.entry(name).or_default();
             *count += 1;
             if *count == 1 {
@@ -122,7 +124,7 @@ impl Presence {
 
     /// Reports a refused link. Repeated refusals are logged only once in [`LOG_EVERY`].
     pub(super) fn refuse(&self, address: &str, why: &str) {
-        let mut tracked = self.lock();
+        let mut tracked = self.tracked.lock();
         tracked.listeners.iter().for_each(|listener| (listener.notify)(Change::Refused(address.to_owned())));
         let (line, at) = (format!("no link with {address}: {why}"), now());
         tracked.logged.retain(|(_, logged_at)| at.saturating_duration_since(*logged_at) < LOG_EVERY);
@@ -130,12 +132,6 @@ impl Presence {
             tracing::warn!("{line}");
             tracked.logged.push((line, at));
         }
-    }
-
-    /// Locks the state. No holder can panic, so poisoning is ignored. Changes are reported under the
-    /// lock, so their order is the order in which they happened.
-    fn lock(&self) -> MutexGuard<'_, Tracked> {
-        self.tracked.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -156,7 +152,7 @@ pub(super) struct LinkGuard {
 impl Drop for LinkGuard {
     fn drop(&mut self) {
         let Some(name) = self.with else { return };
-        let mut tracked = self.presence.lock();
+        let mut tracked = self.presence.tracked.lock();
         let left = tracked.links.get(&name).map_or(0, |count| count.saturating_sub(1));
         if left == 0 {
             tracked.links.remove(&name);
@@ -198,9 +194,9 @@ mod tests {
         let presence = Presence::by_links();
         let changes = Arc::<Mutex<Vec<Change>>>::default();
         let into = changes.clone();
-        let notify = Box::new(move |change| into.lock().unwrap().push(change));
-        presence.lock().listeners.push(Listener { branch: Branch::SWARM, notify });
-        let changes = || std::mem::take(&mut *changes.lock().unwrap());
+        let notify = Box::new(move |change| into.lock().push(change));
+        presence.tracked.lock().listeners.push(Listener { branch: Branch::SWARM, notify });
+        let changes = || std::mem::take(&mut *changes.lock());
         let first = presence.link(Some(id(1).into()));
         assert_eq!(changes(), [Change::Appeared(id(1))]);
         assert!(presence.may_send(id(1).into()) && !presence.may_send(id(2).into()));

@@ -1,6 +1,5 @@
 //! Publishes one kind of message of one vehicle.
 
-use std::marker::PhantomData;
 use std::sync::Arc;
 
 use skein_common::message::Message;
@@ -14,14 +13,13 @@ use zenoh::{Session, Wait};
 use super::{LinkError, LinkReceiver, Sessions, declaring};
 
 /// A declared publisher of one kind of message, in each session. Its messages are dropped rather than waited for.
-pub struct MessagePublisher<M> {
+pub struct MessagePublisher {
     pub(super) publishers: Vec<Publisher<'static>>,
     key: String,
     receiver: Arc<LinkReceiver>,
-    kind: PhantomData<fn(M)>,
 }
 
-impl<M: Message> MessagePublisher<M> {
+impl MessagePublisher {
     /// Declares a publisher for this topic.
     ///
     /// # Errors
@@ -43,22 +41,17 @@ impl<M: Message> MessagePublisher<M> {
                 .map_err(declaring(&key))
         };
         let publishers = sessions.published().map(declare).collect::<Result<_, _>>()?;
-        Ok(Self { publishers, key, receiver: receiver.clone(), kind: PhantomData })
+        Ok(Self { publishers, key, receiver: receiver.clone() })
     }
 
-    /// Publishes a message.
-    pub fn publish(&self, message: &M) {
-        self.put(self.write(message));
-    }
-
-    /// Encodes a message, with a signature where messages are signed.
-    pub(super) fn write(&self, message: &M) -> Vec<u8> {
-        self.receiver.write(&self.key, message)
+    /// Publishes a message, with a signature where messages are signed.
+    pub fn publish(&self, message: &impl Message) {
+        self.put(self.receiver.write(&self.key, message));
     }
 
     /// Publishes an encoded message.
     pub(super) fn put(&self, bytes: Vec<u8>) {
-        self.receiver.traffic.sent(bytes.len());
+        self.receiver.traffic.sent.add(bytes.len());
         let bytes = ZBytes::from(bytes);
         for publisher in &self.publishers {
             // It fails only on a closed session, which has no subscribers.

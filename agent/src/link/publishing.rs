@@ -1,4 +1,4 @@
-//! What the publisher's thread does with the messages of the control thread: it signs and encodes them, keeps the last
+//! The work of the publisher's thread on the messages of the control thread: it signs and encodes them, keeps the last
 //! heartbeat for agents that start late, and sends.
 
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use skein_common::message::State;
 use skein_common::topic::{Cell, Topic};
 
 use super::LinkReceiver;
-use super::outgoing::Waiting;
+use super::outgoing::Messages;
 use super::queries::LastHeartbeat;
 
 /// Kind of a published message, on which its quality of service depends.
@@ -46,7 +46,7 @@ impl Publishing {
     }
 
     /// Sends all waiting messages.
-    pub(super) fn send(&mut self, waiting: &mut Waiting, network: &mut impl Network) {
+    pub(super) fn send(&mut self, waiting: &mut Messages, network: &mut impl Network) {
         let (receiver, own) = (self.receiver.clone(), self.own);
         let key_of = |topic: Topic| receiver.branch.key(&topic);
         if let Some(cells) = waiting.cells.take() {

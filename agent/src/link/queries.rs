@@ -1,9 +1,10 @@
 //! Queries between agents, answered on Zenoh's threads. An agent that starts late queries its peers for their last
 //! heartbeats; clock comparison uses queries too ([`super::clocks`]).
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, Query, QueryTarget, Queryable};
 use zenoh::sample::{Locality, Sample};
@@ -27,18 +28,13 @@ impl LastHeartbeat {
 
     /// Makes these bytes the reply from now on.
     pub(super) fn keep(&self, bytes: Vec<u8>) {
-        *lock(&self.0) = bytes;
+        *self.0.lock() = bytes;
     }
 
     /// The reply to a query; `None` before the first heartbeat.
     pub(super) fn reply(&self) -> Option<Vec<u8>> {
-        Some(lock(&self.0).clone()).filter(|bytes| !bytes.is_empty())
+        Some(self.0.lock().clone()).filter(|bytes| !bytes.is_empty())
     }
-}
-
-/// Locks the bytes, which are held only for a copy. No holder can panic, so poisoning is ignored.
-fn lock(shared: &Mutex<Vec<u8>>) -> MutexGuard<'_, Vec<u8>> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Answers queries for this key on one of Zenoh's threads, with the bytes that `reply` returns.

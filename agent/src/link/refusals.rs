@@ -1,8 +1,9 @@
 //! Counts refused messages by reason, and keeps the latest kinds by key for the operator to look at.
 
+use std::fmt::Display;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
+use parking_lot::Mutex;
 use skein_common::message::{Drops, Reason, Refused};
 use skein_common::topic::{Branch, Topic};
 
@@ -18,10 +19,18 @@ pub(super) struct Refusals {
 }
 
 impl Refusals {
-    /// Counts one refusal; returns the number with this reason.
+    /// Counts a refused message; logs the first, second, fourth, eighth and so on.
+    pub(super) fn refuse(&self, reason: Reason, key: &str, what: &dyn Display) {
+        let count = self.count(reason, key);
+        if count.is_power_of_two() {
+            tracing::warn!(count, key, "message refused: {what}");
+        }
+    }
+
+    /// Counts one refusal, which is not logged; returns the number with this reason.
     pub(super) fn count(&self, reason: Reason, key: &str) -> u64 {
         let key = Refused::printable(&without_cell(key));
-        let mut latest = self.lock();
+        let mut latest = self.latest.lock();
         let known = latest.iter().position(|kind| (kind.reason, &kind.key) == (reason, &key));
         let before = match known {
             Some(nth) => latest.remove(nth).count,
@@ -52,16 +61,11 @@ impl Refusals {
 
     /// The latest refusals by reason and key, the latest first.
     pub(super) fn latest(&self) -> Vec<Refused> {
-        self.lock().iter().rev().cloned().collect()
+        self.latest.lock().iter().rev().cloned().collect()
     }
 
     fn counter(&self, reason: Reason) -> &AtomicU64 {
         &self.counts[reason as usize]
-    }
-
-    /// Locks the list. No holder can panic, so poisoning is ignored.
-    fn lock(&self) -> MutexGuard<'_, Vec<Refused>> {
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use serde::de::Error as _;
@@ -28,8 +28,9 @@ pub enum Security {
     Tls(Tls),
 }
 
-/// Files and names for secured links.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Files and names for secured links: the table `[security]` of a node's own file, in which paths are relative to that file.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Tls {
     /// File of the certificates of the swarm's authority, PEM.
     pub authority: PathBuf,
@@ -37,7 +38,10 @@ pub struct Tls {
     pub certificate: PathBuf,
     /// File of its private key, PEM. A vehicle also signs its messages with this key.
     pub key: PathBuf,
-    /// Vehicles of the swarm, or of the whole fleet.
+    /// Public key that verifies orders.
+    pub orders: VerificationKey,
+    /// Vehicles of the swarm, or of the whole fleet: certificate name and public key of each.
+    #[serde(deserialize_with = "by_vehicle")]
     pub vehicles: BTreeMap<VehicleName, PeerIdentity>,
     /// Common names in the certificates of observers: the operator's, and one of each node.
     pub observers: Vec<String>,
@@ -45,7 +49,7 @@ pub struct Tls {
     pub operator: String,
 }
 
-/// What a certificate says of its owner.
+/// The owner's name and key in a certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Certified {
     /// Common name.
@@ -85,6 +89,13 @@ pub fn by_vehicle<'de, T: Deserialize<'de>, D: Deserializer<'de>>(of: D) -> Resu
 }
 
 impl Tls {
+    /// The same with paths that start from this folder.
+    pub fn in_folder(self, folder: &Path) -> Self {
+        let [authority, certificate, key] =
+            [&self.authority, &self.certificate, &self.key].map(|file| folder.join(file));
+        Self { authority, certificate, key, ..self }
+    }
+
     /// The common names in the certificates of observers and of the operator.
     pub(super) fn guests(&self) -> impl Iterator<Item = &String> {
         self.observers.iter().chain([&self.operator])

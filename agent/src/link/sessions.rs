@@ -41,7 +41,7 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 pub struct Sessions {
     /// The sessions that are linked with the other vehicles; on plain links, with observers too.
     pub(super) all: Vec<Arc<Session>>,
-    /// What observers and operators are linked to: they receive all that the agent publishes, and of what they send only
+    /// The session to which observers and operators are linked: they receive all that the agent publishes, and of what they send only
     /// orders and queries are received. `None` on plain links and in an observer's own sessions.
     pub(super) feed: Option<Arc<Session>>,
     tunnel: Option<Arc<Tunnel>>,

@@ -53,16 +53,7 @@ impl From<[u8; 32]> for VerificationKey {
 impl FromStr for VerificationKey {
     type Err = NotAKey;
     fn from_str(text: &str) -> Result<Self, NotAKey> {
-        let digits = text.as_bytes();
-        if digits.len() != 64 || !digits.iter().all(u8::is_ascii_hexdigit) {
-            return Err(NotAKey::Public);
-        }
-        let mut key = [0; 32];
-        for (byte, two) in key.iter_mut().zip(digits.chunks(2)) {
-            let two = str::from_utf8(two).map_err(|_| NotAKey::Public)?;
-            *byte = u8::from_str_radix(two, 16).map_err(|_| NotAKey::Public)?;
-        }
-        Ok(Self(key))
+        from_hex(text).map(Self).ok_or(NotAKey::Public)
     }
 }
 
@@ -131,6 +122,14 @@ impl fmt::Debug for SigningKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "SigningKey(of {:?})", self.key())
     }
+}
+
+/// The bytes of a text with two hexadecimal digits for each.
+fn from_hex<const N: usize>(text: &str) -> Option<[u8; N]> {
+    let digit = |digit: u8| char::from(digit).to_digit(16);
+    let (pairs, []) = text.as_bytes().as_chunks::<2>() else { return None };
+    let bytes = pairs.iter().map(|&[high, low]| Some((16 * digit(high)? + digit(low)?) as u8));
+    bytes.collect::<Option<Vec<u8>>>()?.try_into().ok()
 }
 
 /// Start of the signed bytes: purpose, swarm and run. The length of the swarm's name precedes it, so that no two signed

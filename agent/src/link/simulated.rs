@@ -10,7 +10,7 @@ use skein_common::message::Drops;
 use skein_common::time::LocalTime;
 use skein_common::topic::Cell;
 
-use super::outgoing::{Outgoing, Waiting};
+use super::outgoing::{Messages, Outgoing};
 use super::presence::{LinkGuard, Presence};
 use super::publishing::{Network, Published, Publishing};
 use super::queries::LastHeartbeat;
@@ -55,7 +55,7 @@ pub(crate) struct SimulatedEnd {
     is_traced: Arc<AtomicBool>,
     publishing: Publishing,
     last_heartbeat: LastHeartbeat,
-    waiting: Waiting,
+    waiting: Messages,
     puts: Puts,
 }
 
@@ -135,13 +135,13 @@ impl SimulatedEnd {
             linked: self.presence.linked(),
             events,
             traces,
-            refusals: self.receiver.inbox.refused().len(),
+            refusals: self.receiver.inbox.refusals.latest().len(),
             checked_orders: self.receiver.verifier.checked_orders(),
         }
     }
 
     pub(crate) fn drops(&self) -> Drops {
-        self.receiver.inbox.drops()
+        self.receiver.inbox.refusals.drops()
     }
 
     pub(crate) fn may_send(&self, name: VehicleName) -> bool {

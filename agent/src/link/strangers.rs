@@ -2,8 +2,9 @@
 //! thread.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use skein_common::frame::Origin;
 use skein_common::id::FleetVehicle;
 use skein_common::message::{Intent, Message, MessageOrder, Reason, State};
@@ -56,25 +57,20 @@ impl StrangerInbox {
 
     /// Moves all states and intents to the ends of these lists.
     pub(super) fn drain(&self, states: &mut Vec<StrangerState>, intents: &mut Vec<ReceivedIntent>) {
-        states.append(&mut lock(&self.states));
-        intents.append(&mut lock(&self.intents));
+        states.append(&mut self.states.lock());
+        intents.append(&mut self.intents.lock());
     }
 }
 
 /// Keeps a message if it is newer than the one of its sender that waits. False if it is not, or too many wait.
 fn store<M: FromStranger>(messages: &Mutex<Vec<M>>, new: M) -> bool {
-    let (mut messages, (id, order)) = (lock(messages), new.place());
+    let (mut messages, (id, order)) = (messages.lock(), new.place());
     match messages.binary_search_by_key(&id, |kept| kept.place().0) {
         Ok(place) if messages[place].place().1 < order => messages[place] = new,
         Err(place) if messages.len() < MAX_STRANGERS => messages.insert(place, new),
         _ => return false,
     }
     true
-}
-
-/// Locks the messages. No holder can panic, so poisoning is ignored.
-fn lock<M>(messages: &Mutex<Vec<M>>) -> MutexGuard<'_, Vec<M>> {
-    messages.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl LinkReceiver {
@@ -105,27 +101,27 @@ impl LinkReceiver {
 
     /// Verifies a message of a stranger and stores it with `store`, which is false for an old message.
     fn receive_stranger<M: Message>(&self, key: &str, bytes: &[u8], id: FleetVehicle, store: impl Fn(M) -> bool) {
-        self.traffic.received(bytes.len());
+        self.traffic.received.add(bytes.len());
         if !self.presence.may_send(id.into()) {
-            self.inbox.refuse(Reason::Old, key, &"its sender has no link");
+            self.inbox.refusals.refuse(Reason::Old, key, &"its sender has no link");
             return;
         }
         let verified = match self.key_ring.read::<M>(key, bytes) {
             Ok(verified) => verified,
-            Err(error) => return self.inbox.refuse(error.reason(), key, &error),
+            Err(error) => return self.inbox.refusals.refuse(error.reason(), key, &error),
         };
         if let Err(reason) = self.verifier.accept_stranger(id.team, verified.run) {
-            return self.inbox.refuse(reason, key, &reason);
+            return self.inbox.refusals.refuse(reason, key, &reason);
         }
         if !store(verified.message) {
-            self.inbox.count(Reason::Old, key);
+            self.inbox.refusals.count(Reason::Old, key);
         }
     }
 }
 
 /// Whether this message waits already.
 fn is_kept<M: FromStranger>(messages: &Mutex<Vec<M>>, id: FleetVehicle, order: MessageOrder) -> bool {
-    lock(messages).iter().any(|kept| kept.place() == (id, order))
+    messages.lock().iter().any(|kept| kept.place() == (id, order))
 }
 
 /// The subscribed cells, on the publisher's thread.

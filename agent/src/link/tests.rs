@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::{Geodetic, Origin, VelocityNed};
 use skein_common::id::{Incarnation, VehicleSet};
-use skein_common::message::{Header, Order, VERSION, Verb, encode};
+use skein_common::message::{Event, Header, Order, State, VERSION, Verb, encode};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, SenderStamp};
@@ -43,6 +43,25 @@ fn trust(swarm: &SwarmName) -> Trust {
         run: 0,
         key_ring: KeyRing::plain(swarm.clone()),
         signing_key: None,
+    }
+}
+
+/// Messages that only tests publish one by one.
+impl Link {
+    fn publish_state(&self, state: &State, cell: Cell) {
+        self.send(Messages { state: Some((*state, cell)), ..Messages::default() });
+    }
+
+    fn publish_mission(&self, mission: &Heartbeat) {
+        self.send(Messages { mission: Some(*mission), ..Messages::default() });
+    }
+
+    fn publish_event(&self, event: &Event) {
+        self.send(Messages { events: [*event].into(), ..Messages::default() });
+    }
+
+    fn subscribe_to(&self, cells: Vec<Cell>) {
+        self.send(Messages { cells: Some(cells), ..Messages::default() });
     }
 }
 
@@ -309,7 +328,7 @@ fn the_inbox_keeps_the_newest_message_of_each_peer_and_kind() {
             PeerMessage::Order(order(3))
         ]
     );
-    assert_eq!(inbox.drops(), Drops { old: 4, ..Drops::default() });
+    assert_eq!(inbox.refusals.drops(), Drops { old: 4, ..Drops::default() });
     received.clear();
     inbox.drain(&mut received);
     assert_eq!(received, []);
@@ -336,7 +355,7 @@ fn orders_that_are_in_force_together_all_wait_in_the_inbox() {
     inbox.drain(&mut received);
     let orders: Vec<_> = received.iter().map(|received| received.message).collect();
     assert_eq!(orders, [swarm, altitude, wider, both].map(PeerMessage::Order));
-    assert_eq!(inbox.drops().old, 1, "only the order that came when a later one had taken its place");
+    assert_eq!(inbox.refusals.drops().old, 1, "only the order that came when a later one had taken its place");
 }
 
 #[test]

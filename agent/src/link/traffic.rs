@@ -8,13 +8,14 @@ use skein_common::message;
 /// several links counts once.
 #[derive(Debug, Default)]
 pub(super) struct Traffic {
-    sent: Counter,
-    received: Counter,
+    pub(super) sent: Counter,
+    /// Those that were refused included.
+    pub(super) received: Counter,
 }
 
 /// Messages in one direction.
 #[derive(Debug, Default)]
-struct Counter {
+pub(super) struct Counter {
     messages: AtomicU64,
     bytes: AtomicU64,
 }
@@ -25,25 +26,16 @@ impl Counter {
         message::Traffic { messages, bytes }
     }
 
-    fn add(&self, bytes: usize) {
+    /// Counts a message of this size.
+    pub(super) fn add(&self, bytes: usize) {
         self.messages.fetch_add(1, Relaxed);
         self.bytes.fetch_add(bytes as u64, Relaxed);
     }
 }
 
 impl Traffic {
-    /// Counts a message of this size that was sent.
-    pub(super) fn sent(&self, bytes: usize) {
-        self.sent.add(bytes);
-    }
-
     /// The messages sent and received so far.
     pub(super) fn counts(&self) -> (message::Traffic, message::Traffic) {
         (self.sent.count(), self.received.count())
-    }
-
-    /// Counts a message of this size that was received, whether it was accepted or not.
-    pub(super) fn received(&self, bytes: usize) {
-        self.received.add(bytes);
     }
 }

@@ -13,7 +13,7 @@ use super::signature::orders::Checker;
 use super::signature::{SigningKey, VerificationKey};
 use skein_core::peers::PeerMessage;
 
-/// Which peers an agent believes and whose orders it accepts.
+/// The peers that an agent believes, and the operator whose orders it accepts.
 #[derive(Clone, Debug)]
 pub struct Trust {
     /// Name of the swarm.

@@ -74,7 +74,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 
 /// All links of one agent or observer to other hosts; dropping it ends them.
 pub(super) struct Tunnel {
-    shared: Arc<Shared>,
+    shared: Arc<TunnelState>,
     listeners: Vec<StdListener>,
     locals: Locals,
     /// Carries the links with vehicles. Taken on drop, because a runtime must not wait for its own last thread.
@@ -83,7 +83,7 @@ pub(super) struct Tunnel {
     for_guests: Option<Runtime>,
 }
 
-struct Shared {
+struct TunnelState {
     /// Certificates and keys; `None` on plain links.
     tls_context: Option<TlsContext>,
     presence: Arc<Presence>,
@@ -113,7 +113,12 @@ impl Tunnel {
         // Only a certificate identifies the vehicle at the other end.
         let presence = if tls_context.is_some() { Presence::by_links() } else { Presence::by_tokens() };
         Ok(Self {
-            shared: Arc::new(Shared { tls_context, presence, links: LinkBudget::new(), guests: GuestRates::default() }),
+            shared: Arc::new(TunnelState {
+                tls_context,
+                presence,
+                links: LinkBudget::new(),
+                guests: GuestRates::default(),
+            }),
             listeners,
             locals,
             runtime: Some(runtime),
@@ -192,9 +197,9 @@ impl Drop for Tunnel {
     }
 }
 
-/// What a host that dials this one is connected to.
+/// The sessions to which a host that dials this one is connected.
 struct Host {
-    shared: Arc<Shared>,
+    shared: Arc<TunnelState>,
     /// Where the session listens that is linked with the other vehicles.
     zenoh: ZenohListener,
     /// Where the feed listens.
@@ -230,7 +235,7 @@ async fn accept(listener: TcpListener, host: Arc<Host>) {
                 let socket = host.hand_over(socket)?;
                 io::Result::Ok(match &shared.tls_context {
                     Some(tls_context) => Connection::secured(tls_context.accept(socket).await?),
-                    None => Connection::Plain(socket),
+                    None => Connection::plain(socket),
                 })
             };
             let accepted = timeout(CONNECT_TIMEOUT, accepted).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
@@ -259,14 +264,14 @@ impl Host {
     /// Carries the traffic of this connection until it ends, on the thread of its kind. `within_budget` counts the link until
     /// then.
     fn link(self: Arc<Self>, connection: Connection, within_budget: impl Send + 'static, address: String) {
-        let thread = if connection.is_guests() { &self.for_guests } else { &self.for_vehicles };
+        let thread = if connection.guest().is_some() { &self.for_guests } else { &self.for_vehicles };
         thread.clone().spawn(async move {
             let _within_budget = within_budget;
-            let guest = connection.is_guests().then(|| self.shared.guests.link(connection.name(), now()));
+            let guest = connection.guest().map(|guest| self.shared.guests.link(&guest.name, now()));
             let zenoh = if guest.is_some() { self.feed.as_ref() } else { Some(&self.zenoh) };
             let Some(zenoh) = zenoh else { return };
             if let Ok(here) = zenoh.connect().await {
-                connection.carry(here, &address, guest, &self.shared.presence).await;
+                carry(connection, here, &address, guest, &self.shared.presence).await;
             }
         });
     }
@@ -295,7 +300,7 @@ impl LinkBudget {
         let full = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
         let of_network = self.of_network.take(network, MAX_LINKS_PER_NETWORK, MAX_LINKS);
         let of_network = of_network.ok_or_else(|| full(format!("{network} has too many links already")))?;
-        let Connection::Tls(_, peer) = connection else { return Ok((of_network, None)) };
+        let Some(peer) = &connection.peer else { return Ok((of_network, None)) };
         let most = if peer.vehicle.is_some() { MAX_LINKS_PER_VEHICLE } else { MAX_LINKS_PER_GUEST };
         let of_certificate = self.of_certificate.take(peer.name.clone(), most, MAX_LINKS);
         let of_certificate = of_certificate
@@ -305,18 +310,18 @@ impl LinkBudget {
 }
 
 /// Connects to another host for Zenoh, which dials again if that fails.
-async fn dial(here: local::Stream, endpoint: String, shared: Arc<Shared>) {
+async fn dial(here: local::Stream, endpoint: String, shared: Arc<TunnelState>) {
     let address = address(&endpoint);
     let reach = async {
         let socket = TcpStream::connect(address).await?;
         prepare(&socket)?;
         io::Result::Ok(match &shared.tls_context {
             Some(tls_context) => Connection::secured(tls_context.connect(host(address), socket).await?),
-            None => Connection::Plain(socket),
+            None => Connection::plain(socket),
         })
     };
     match timeout(CONNECT_TIMEOUT, reach).await {
-        Ok(Ok(connection)) => return connection.carry(here, address, None, &shared.presence).await,
+        Ok(Ok(connection)) => return carry(connection, here, address, None, &shared.presence).await,
         Ok(Err(error)) if error.kind() == io::ErrorKind::InvalidData => {
             shared.presence.refuse(address, &error.to_string());
         }
@@ -339,50 +344,43 @@ fn prepare(socket: &TcpStream) -> io::Result<()> {
     unix::set_unacknowledged_timeout(socket, UNACKNOWLEDGED_TIMEOUT)
 }
 
+/// A stream of bytes in both directions.
+trait Duplex: AsyncRead + AsyncWrite + Send + Unpin {}
+impl<S: AsyncRead + AsyncWrite + Send + Unpin> Duplex for S {}
+
 /// A connection to another host.
-enum Connection {
-    Plain(TcpStream),
-    Tls(Box<TlsStream<TcpStream>>, Peer),
+struct Connection {
+    stream: Box<dyn Duplex>,
+    /// The identified other end; `None` on a plain link.
+    peer: Option<Peer>,
 }
 
 impl Connection {
+    fn plain(stream: TcpStream) -> Self {
+        Self { stream: Box::new(stream), peer: None }
+    }
+
     fn secured((stream, peer): (TlsStream<TcpStream>, Peer)) -> Self {
-        Self::Tls(Box::new(stream), peer)
+        Self { stream: Box::new(stream), peer: Some(peer) }
     }
 
-    /// Whether an observer or operator is at the other end.
-    fn is_guests(&self) -> bool {
-        matches!(self, Self::Tls(_, peer) if peer.vehicle.is_none())
-    }
-
-    /// Common name in the other end's certificate; empty on a plain link.
-    fn name(&self) -> &str {
-        match self {
-            Self::Plain(_) => "",
-            Self::Tls(_, peer) => &peer.name,
-        }
-    }
-
-    /// Carries the traffic of the local socket `here` until the link ends.
-    async fn carry(self, here: local::Stream, address: &str, guest: Option<GuestLink>, presence: &Arc<Presence>) {
-        match self {
-            Self::Plain(there) => carry(there, here, (address, &Peer::unknown()), guest, presence).await,
-            Self::Tls(there, peer) => carry(there, here, (address, &peer), guest, presence).await,
-        }
+    /// The observer or operator at the other end, if it is one.
+    fn guest(&self) -> Option<&Peer> {
+        self.peer.as_ref().filter(|peer| peer.vehicle.is_none())
     }
 }
 
-/// Copies bytes in both directions until one end closes. A link outlives the certificates that it was made with, because a
-/// flight must not be cut in the air; the next link needs valid ones.
+/// Copies bytes between a link and the local socket `here` in both directions until one end closes. A link outlives the
+/// certificates that it was made with, because a flight must not be cut in the air; the next link needs valid ones.
 async fn carry(
-    there: impl AsyncRead + AsyncWrite + Unpin,
-    here: impl AsyncRead + AsyncWrite + Unpin,
-    (address, peer): (&str, &Peer),
+    Connection { stream, peer }: Connection,
+    here: local::Stream,
+    address: &str,
     guest: Option<GuestLink>,
     presence: &Arc<Presence>,
 ) {
-    let _link = presence.link(peer.vehicle);
-    let (mut from_there, mut to_there) = split(there);
+    let _link = presence.link(peer.and_then(|peer| peer.vehicle));
+    let (mut from_there, mut to_there) = split(stream);
     let (mut from_here, mut to_here) = split(here);
     let (received, sent) = guest.map_or((None, None), |guest| (Some(guest.received), Some(guest.sent)));
     // Neither direction waits for the other, or a cut link would go unnoticed for a quarter of an hour.
@@ -426,12 +424,4 @@ fn address(endpoint: &str) -> &str {
 /// `10.0.0.11` of `10.0.0.11:7447`, `::1` of `[::1]:7447`.
 fn host(address: &str) -> &str {
     address.rsplit_once(':').map_or(address, |(host, _)| host).trim_matches(['[', ']'])
-}
-
-/// The other end of a link.
-impl Peer {
-    /// The other end of a plain link.
-    fn unknown() -> Self {
-        Self { name: "a plain link".to_owned(), vehicle: None }
-    }
 }

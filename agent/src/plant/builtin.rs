@@ -28,7 +28,7 @@ pub struct BuiltIn {
     /// When the script started, and how much of it was over by then, s.
     script_since: Option<(Instant, f64)>,
     command: Option<Command>,
-    /// What moved the vehicle in the last tick: the agent's command or the pilot's.
+    /// The command that moved the vehicle in the last tick: the agent's or the pilot's.
     moved_by: Option<Command>,
     tick_at: Option<Instant>,
     skipped: u64,

@@ -1,9 +1,10 @@
 //! The vehicle that a plant flies, as plants need it.
 
+use std::error::Error;
 use std::io;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::Scenario;
+use skein_common::scenario::{ModelKind, PlantKind, Scenario};
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::start::StartAreaTooSmall;
@@ -29,15 +30,27 @@ pub enum PlantError {
     /// Only X-Plane can fly this aircraft.
     #[error("the aircraft {0} has no [helicopter] table, which the built-in plant needs")]
     NoModel(String),
-    /// A point mass flies in the built-in plant only.
+    /// The scenario's model does not fly in this plant.
     #[error(
-        "vehicle {0}: `plant.model` = \"point_mass\" flies in the built-in plant only: remove the node's plant and the \
-         address of its X-Plane"
+        "vehicle {id}: `plant.model` = \"{}\" flies in {plants} only: remove the node's plant and the address of its X-Plane",
+        model.name(),
+        plants = PlantKind::flown_by(*model).map(|plant| plant.title).collect::<Vec<_>>().join(" and ")
     )]
-    PointMassInXPlane(VehicleId),
+    OtherModel {
+        /// The vehicle's id.
+        id: VehicleId,
+        /// The scenario's model.
+        model: ModelKind,
+    },
+    /// The plant takes another kind of command than the scenario's, for which the controller is made.
+    #[error("vehicle {0}: its plant takes other commands than the scenario's `swarm.plant`: let the two be the same")]
+    OtherCommands(VehicleId),
     /// The vehicles do not fit into the start area.
     #[error(transparent)]
     StartArea(StartAreaTooSmall),
+    /// The computer lacks what the plant needs, such as a free port.
+    #[error(transparent)]
+    Open(Box<dyn Error + Send + Sync>),
     /// The simulator's address cannot be resolved.
     #[error("{text:?} is not the address HOST[:PORT] of a simulator: {source}")]
     Address {

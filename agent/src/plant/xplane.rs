@@ -20,8 +20,9 @@ use std::net::{Ipv4Addr, SocketAddr};
 use skein_common::frame::Origin;
 use skein_common::scenario::StartPattern;
 use skein_core::helicopter::TICK_S;
+use skein_core::plant::Plant;
 
-use super::vehicle::PlantVehicle;
+use super::vehicle::{PlantError, PlantVehicle};
 
 mod address;
 mod convert;
@@ -45,24 +46,18 @@ use placing::start_of;
 ///
 /// # Errors
 /// If a socket for the simulator cannot be opened.
-pub(super) fn open(address: Option<SocketAddr>, vehicle: &PlantVehicle<'_>) -> Result<XPlane, XPlaneLinkError> {
+pub(super) fn open(address: Option<SocketAddr>, vehicle: &PlantVehicle<'_>) -> Result<Box<dyn Plant>, PlantError> {
+    link_of(address, vehicle).map(|link| Box::new(link) as _).map_err(|error| PlantError::Open(Box::new(error)))
+}
+
+fn link_of(address: Option<SocketAddr>, vehicle: &PlantVehicle<'_>) -> Result<XPlane, XPlaneLinkError> {
     let &PlantVehicle { scenario, id, aircraft, flown_s, .. } = vehicle;
     let origin = Origin::new(scenario.origin.geodetic());
     let listen = address.map_or(Ipv4Addr::UNSPECIFIED.into(), |address| listen_for(address.ip()));
     let rate_hz = (1.0 / TICK_S).round() as u32;
     let mut link = XPlane::new(&origin, address, &aircraft.xplane, rate_hz, listen)?;
-    let plant = &scenario.plant;
-    if let Some(deflection) = plant.stick_release {
-        link.release_at(deflection);
-    }
     // An aircraft that is flying already, or that the scenario leaves where it is, is not placed.
     let is_placed = scenario.start.pattern != StartPattern::AsIs && flown_s.is_none();
-    if let Some(place) = is_placed.then(|| start_of(scenario, id)).flatten() {
-        link.start_at(place);
-    }
-    if plant.random_failures {
-        link.want_random_failures();
-    }
-    link.show_up_to(plant.show_peers, plant.peer_acf.as_deref())?;
+    link.set_up(is_placed.then(|| start_of(scenario, id)).flatten(), &scenario.plant)?;
     Ok(link)
 }

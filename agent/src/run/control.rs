@@ -230,10 +230,11 @@ impl Control {
             log(self.own, &what);
             Event { header: self.header(now, kept.events), what }
         };
-        let events: Vec<Event> = happened.into_iter().map(event).collect();
+        let events = happened.into_iter().map(event).collect();
         let mission = mission.map(|mission| *mission);
-        let messages = Messages { state, mission, events, trace, summary, intent, cells };
-        if messages != Messages::default() {
+        let traces = trace.into_iter().collect();
+        let messages = Messages { state, mission, events, traces, summary, intent, cells };
+        if !messages.is_empty() {
             self.link.send(messages);
         }
     }

@@ -26,7 +26,7 @@ const CALM_S: f64 = 10.0;
 /// Watches the peers for silence.
 #[derive(Debug)]
 pub(super) struct SilenceMonitor {
-    peers: BTreeMap<VehicleId, Peer>,
+    peers: BTreeMap<VehicleId, WatchedPeer>,
     timeout_s: f64,
     last_check: Option<LocalTime>,
     /// When overload was last detected, or the timeout last halved.
@@ -34,7 +34,7 @@ pub(super) struct SilenceMonitor {
 }
 
 #[derive(Debug)]
-struct Peer {
+struct WatchedPeer {
     /// When its first message arrived, or the first one after its link was lost.
     appeared: LocalTime,
     /// Time without a message, counted only while this computer kept up, s.
@@ -65,7 +65,7 @@ impl SilenceMonitor {
             match message {
                 PeerMessage::State(_) | PeerMessage::Mission(_) => {
                     let Some(id) = message.sender() else { continue };
-                    let new = Peer { appeared: at, silent_s: 0.0, is_suspected: false, returned: None };
+                    let new = WatchedPeer { appeared: at, silent_s: 0.0, is_suspected: false, returned: None };
                     let peer = self.peers.entry(id).or_insert(new);
                     peer.silent_s = 0.0;
                     if std::mem::replace(&mut peer.is_suspected, false) {

@@ -33,14 +33,14 @@ pub struct SimulatedAgent {
     control: Control,
     kept: LoopState,
     network: SimulatedEnd,
-    /// What entered the station in the last step from the network.
+    /// The messages that entered the station in the last step from the network.
     received: Vec<Received>,
 }
 
 /// The result of one pass of the control loop.
 #[derive(Debug)]
 pub struct SimulatedStep {
-    /// What the station decided.
+    /// The outputs of the station.
     pub outputs: Outputs,
     /// Whether the agent reports to its supervisor that its control thread runs.
     pub reports: bool,

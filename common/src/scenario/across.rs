@@ -7,8 +7,8 @@ use super::error::ScenarioError;
 use super::keys::KEYS;
 use super::kind::FileKind;
 use super::model::{
-    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, ModelKind, Pattern, SafetyFilter, Scenario,
-    ScriptedOrder, ScriptedVerb, Setting, StartPattern, Vertical,
+    ControlMode, Conversion, EventAction, Fault, Formation, Graph, Law, ModelKind, Pattern, PlantKind, SafetyFilter,
+    Scenario, ScriptedOrder, ScriptedVerb, Setting, StartPattern, Vertical,
 };
 use super::tree::{Node, Part, Place, Table, Texts, Value};
 use crate::id::VehicleId;
@@ -31,7 +31,7 @@ const LONGEST_ACF: usize = 149;
 pub(super) fn check(texts: &Texts<'_>, written: &Node, scenario: &Scenario) -> Result<(), ScenarioError> {
     let check = Check { texts, written, scenario };
     check.vehicles()?;
-    check.point_mass()?;
+    check.model()?;
     check.shown_peers()?;
     check.starts()?;
     check.network()?;
@@ -161,17 +161,21 @@ impl Check<'_> {
         })
     }
 
-    /// Checks that nothing is asked of a point mass that only a helicopter has.
-    fn point_mass(&self) -> Result<(), ScenarioError> {
+    /// Checks that the model flies in the plant, and that nothing is asked of a point mass that only a helicopter has.
+    fn model(&self) -> Result<(), ScenarioError> {
         let Scenario { plant, swarm, world, mission, .. } = self.scenario;
+        let model = format!("`plant.model` = \"{}\"", plant.model.name());
+        let is_unknown = swarm.plant.spec().command_for(plant.model).is_none();
+        self.refuse_if(is_unknown, &["swarm.plant", "plant.model"], || {
+            let plants: Vec<_> = PlantKind::flown_by(plant.model).map(|spec| format!("{:?}", spec.name)).collect();
+            let why =
+                if plant.model == ModelKind::PointMass { ": X-Plane and its stand-in fly helicopters" } else { "" };
+            format!("{model} needs `swarm.plant` = {}{why}", plants.join(" or "))
+        })?;
         if plant.model == ModelKind::Helicopter {
             return Ok(());
         }
-        let point_mass = "`plant.model` = \"point_mass\"";
-        let is_unknown = swarm.plant.spec().command_for(plant.model).is_none();
-        self.refuse_if(is_unknown, &["swarm.plant", "plant.model"], || {
-            format!("{point_mass} needs `swarm.plant` = \"builtin\": X-Plane and its stand-in fly helicopters")
-        })?;
+        let point_mass = model;
         for (path, strength_m_s) in [("world.wind_m_s", world.wind_m_s), ("world.gust_w20_m_s", world.gust_w20_m_s)] {
             self.refuse_if(strength_m_s > 0.0, &[path, "plant.model"], || {
                 format!("`{path}` has no effect under {point_mass}: a point mass holds its velocity over the ground")

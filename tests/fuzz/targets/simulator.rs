@@ -9,7 +9,7 @@ use skein_agent::plant::xplane::server::{Server, Surroundings, Version};
 use skein_agent::plant::xplane::wire::aircraft::{Move, Physics};
 use skein_agent::plant::xplane::wire::becn::Beacon;
 use skein_agent::plant::xplane::wire::dref::Write;
-use skein_agent::plant::xplane::wire::operation::{Alert, Command as RunCommand, End, Situation};
+use skein_agent::plant::xplane::wire::operation::Command as RunCommand;
 use skein_agent::plant::xplane::wire::prel::Placement;
 use skein_agent::plant::xplane::wire::rows::{self, Row};
 use skein_agent::plant::xplane::wire::rpos::{Position, PositionRequest};
@@ -148,7 +148,7 @@ fn decode_as_each(datagram: &[u8]) {
     if let Ok(values) = rref::decode_values(datagram) {
         assert!(values.len() * 8 + 5 == datagram.len());
     }
-    let _ = (RunCommand::decode(datagram), Situation::decode(datagram), Alert::decode(datagram), End::decode(datagram));
+    let _ = RunCommand::decode(datagram);
     let _ = (aircraft::Load::decode(datagram), radr::RadarRequest::decode(datagram));
 }
 

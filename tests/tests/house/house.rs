@@ -8,7 +8,7 @@ use std::process::Command;
 /// Path of a module below its crate; empty for the crate itself.
 type Module = Vec<String>;
 
-fn root() -> PathBuf {
+pub(super) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
@@ -43,7 +43,7 @@ fn modules_of(member: &str) -> BTreeMap<Module, String> {
 }
 
 /// A source without comments and without code that is compiled only for tests.
-fn code_of(source: &str) -> String {
+pub(super) fn code_of(source: &str) -> String {
     let lines: String =
         source.lines().filter(|line| !line.trim_start().starts_with("//")).fold(String::new(), |mut code, line| {
             code.push_str(line);

@@ -4,3 +4,4 @@
 mod docstrings;
 mod house;
 mod plain_words;
+mod plants;

@@ -17,6 +17,7 @@ mod octave;
 mod one_pc;
 mod operator;
 mod overload;
+mod own_plant;
 mod page;
 mod recording;
 mod replay;

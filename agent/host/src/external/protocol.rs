@@ -169,7 +169,7 @@ impl Fault {
 /// Reads a line from a law.
 ///
 /// # Errors
-/// What is wrong with the line. The caller has to check that a reply answers the open query.
+/// The fault of the line. The caller has to check that a reply answers the open query.
 pub fn read(line: &[u8]) -> Result<MessageFromLaw, Fault> {
     let not_json = |why: String| Fault::NotJson(why, excerpt(line));
     let object = match serde_json::from_slice(line) {

@@ -15,7 +15,7 @@ use skein_core::formation::law::Neighbour;
 pub struct Part {
     /// Number of values.
     pub values: usize,
-    /// What they are, with units.
+    /// Their meaning, with units.
     pub meaning: &'static str,
 }
 
@@ -125,7 +125,7 @@ fn nearest(own: PositionNed, peers: &[Neighbour]) -> Vec<&Neighbour> {
 /// Decodes a reply.
 ///
 /// # Errors
-/// What is wrong with the datagram. The caller has to check that a reply answers the open query.
+/// The fault of the datagram. The caller has to check that a reply answers the open query.
 pub fn read(datagram: &[u8]) -> Result<LawReply, Fault> {
     let wrong_length = || Fault::Length(datagram.len(), 8 * ANSWER);
     let (chunks, []) = datagram.as_chunks::<8>() else { return Err(wrong_length()) };

@@ -4,8 +4,7 @@
 //! order: any node could invent an order and claim to have received it. The operator therefore signs it, and every
 //! agent verifies that signature before the core gets the order.
 
-use std::sync::{Mutex, PoisonError};
-
+use parking_lot::Mutex;
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{Order, Verb};
 use skein_common::scenario::TunableKey;
@@ -73,17 +72,18 @@ impl Checker {
 
     /// Number of orders whose result is remembered.
     pub fn known(&self) -> usize {
-        self.known.lock().unwrap_or_else(PoisonError::into_inner).len()
+        self.known.lock().len()
     }
 
     /// Whether the operator gave this order in this run.
     pub fn is_signed(&self, run: u64, order: &Order) -> bool {
-        // No holder can panic, so poisoning is ignored.
-        let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        let answer = known().iter().find(|(of, known, _)| (*of, known) == (run, order)).map(|(.., answer)| *answer);
+        let known = self.known.lock();
+        let answer = known.iter().find(|(of, known, _)| (*of, known) == (run, order)).map(|(.., answer)| *answer);
+        // Verifying takes long: the lock is not held for it.
+        drop(known);
         answer.unwrap_or_else(|| {
             let answer = is_signed(&self.key, &self.swarm, self.branch, run, order);
-            let mut known = known();
+            let mut known = self.known.lock();
             if known.len() == KEPT {
                 known.remove(0);
             }
@@ -173,7 +173,7 @@ mod tests {
             assert!(checker.is_signed(7, &signed(epoch)));
             assert!(!checker.is_signed(8, &signed(epoch)));
         }
-        let known = || checker.known.lock().unwrap().clone();
+        let known = || checker.known.lock().clone();
         let before = known();
         assert_eq!(before.len(), KEPT);
         assert!(checker.is_signed(7, &signed(199)) && !checker.is_signed(8, &signed(199)));

@@ -50,11 +50,8 @@ mod hex {
 
     pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Signature, D::Error> {
         let text = String::deserialize(from)?;
-        let digit = |digit: u8| char::from(digit).to_digit(16);
-        let byte = |two: &[u8]| Some((digit(two[0])? * 16 + digit(two[1])?) as u8);
-        let bytes: Option<Vec<u8>> = text.as_bytes().chunks_exact(2).map(byte).collect();
-        let bytes = bytes.filter(|_| text.len() == 2 * Signature::BYTES).and_then(|bytes| bytes.try_into().ok());
-        bytes.map(Signature::from_bytes).ok_or_else(|| D::Error::custom("a signature has 128 hexadecimal digits"))
+        let bytes = super::super::from_hex(&text).map(Signature::from_bytes);
+        bytes.ok_or_else(|| D::Error::custom("a signature has 128 hexadecimal digits"))
     }
 }
 

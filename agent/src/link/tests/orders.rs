@@ -1,4 +1,4 @@
-//! Which orders an agent accepts: an agent with an orders key, an operator, and a node that invents orders.
+//! The orders that an agent accepts: an agent with an orders key, an operator, and a node that invents orders.
 
 use super::*;
 use crate::link::signature::VerificationKey;
@@ -84,7 +84,8 @@ fn only_an_order_signed_by_the_operator_in_this_run_is_accepted() {
     ];
     assert_eq!(refused_then(&agent, &session, &bad, good), [good]);
     // All bad orders were sent before the good one, in the same session: they are counted by now.
-    let refused: Vec<_> = agent.receiver.refused().into_iter().filter(|kind| kind.reason != Reason::Old).collect();
+    let refused: Vec<_> =
+        agent.receiver.inbox.refusals.latest().into_iter().filter(|kind| kind.reason != Reason::Old).collect();
     assert_eq!((refused.len(), refused[0].reason, refused[0].key.as_str()), (1, Reason::Unsealed, "order"));
     assert_eq!(drops_without_repeats(&agent), Drops { unsigned: refused[0].count, ..Drops::default() });
 }
@@ -103,7 +104,7 @@ fn an_order_invented_in_a_heartbeat_is_removed_and_counted() {
     let signed = sign(&operator, &swarm, Branch::SWARM, RUN, order(1, Verb::Land));
     assert_eq!(store_heartbeat(&agent, &node, 3, signed).order, Some(signed));
     // The invented orders were sent before it, in the same session: they are counted by now.
-    let refused = agent.receiver.refused();
+    let refused = agent.receiver.inbox.refusals.latest();
     assert_eq!((refused.len(), refused[0].reason, refused[0].key.as_str()), (1, Reason::Unsealed, "vehicle/2/mission"));
     assert_eq!(agent.drops(), Drops { unsigned: refused[0].count, ..Drops::default() });
 }
@@ -117,7 +118,15 @@ fn without_an_orders_key_any_order_is_accepted() {
     assert_eq!(refused_then(&agent, &session, &[], plain), [plain]);
     assert_eq!(store_heartbeat(&agent, &session, 2, order(2, Verb::Land)).order, Some(order(2, Verb::Land)));
     // Nothing is refused but the order itself, which is sent until it has arrived: once more, and it is old.
-    assert!(agent.receiver.refused().iter().all(|kind| kind.reason == Reason::Old && kind.key.contains("order")));
+    assert!(
+        agent
+            .receiver
+            .inbox
+            .refusals
+            .latest()
+            .iter()
+            .all(|kind| kind.reason == Reason::Old && kind.key.contains("order"))
+    );
     assert_eq!(drops_without_repeats(&agent), Drops::default());
 }
 
@@ -162,7 +171,7 @@ fn an_agent_with_a_run_refuses_messages_of_another_run() {
     let mut received = Vec::new();
     agent.drain(&mut received);
     assert_eq!(received, [], "of another run");
-    let refused = agent.receiver.refused();
+    let refused = agent.receiver.inbox.refusals.latest();
     assert_eq!((refused[0].reason, refused[0].count), (Reason::OtherRun, 7));
     assert_eq!(agent.drops(), Drops { forged: 7, ..Drops::default() });
 }
@@ -187,7 +196,8 @@ fn strangers_other_plans_and_the_own_id_are_refused_and_counted() {
         [PeerMessage::Mission(other_plan), received_state(state(4, 2))],
         "a vehicle with another plan still counts as up"
     );
-    let named: Vec<_> = agent.receiver.refused().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
+    let named: Vec<_> =
+        agent.receiver.inbox.refusals.latest().into_iter().map(|kind| (kind.reason, kind.key, kind.count)).collect();
     let expected = [
         (Reason::Old, "vehicle/4/state"),
         (Reason::OtherPlan, "vehicle/2/mission"),

@@ -88,6 +88,7 @@ impl Authority {
             authority: file("authority.pem"),
             certificate: file(&format!("{name}.pem")),
             key: self.key_file(name),
+            orders: [0; 32].into(),
             vehicles: self.vehicles(),
             observers: ["observer", "observer-1"].map(str::to_owned).into(),
             operator: "operator".to_owned(),
@@ -236,7 +237,7 @@ impl Swarm {
         self.withstand(attack);
         for link in [&self.one, &self.two] {
             let known = [Reason::Forged, Reason::UnknownVehicle, Reason::Undecodable, Reason::Unsealed, Reason::Old];
-            assert_eq!(link.receiver.refused().iter().find(|kind| !known.contains(&kind.reason)), None);
+            assert_eq!(link.receiver.inbox.refusals.latest().iter().find(|kind| !known.contains(&kind.reason)), None);
         }
     }
 }

@@ -3,8 +3,10 @@
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv6Addr};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
 
 /// Handshakes a second that one network may begin on average, and at once. A handshake costs about a millisecond of one
 /// core. Several agents may share a host, and each of them dials at the start; a refused one dials again.
@@ -55,23 +57,18 @@ impl<K: Ord + Clone> Quota<K> {
 
     /// Takes one use for this key. Returns `None` if the key has `most` already, or all keys together have `most_of_all`.
     pub(super) fn take(self: &Arc<Self>, key: K, most: usize, most_of_all: usize) -> Option<QuotaUse<K>> {
-        let mut counts = self.lock();
+        let mut counts = self.0.lock();
         if counts.values().sum::<usize>() >= most_of_all || counts.get(&key).is_some_and(|count| *count >= most) {
             return None;
         }
         *counts.entry(key.clone()).or_default() += 1;
         Some(QuotaUse { quota: self.clone(), key })
     }
-
-    /// Locks the counts. No holder can panic, so poisoning is ignored.
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<K, usize>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 impl<K: Ord + Clone> Drop for QuotaUse<K> {
     fn drop(&mut self) {
-        let mut counts = self.quota.lock();
+        let mut counts = self.quota.0.lock();
         counts.entry(self.key.clone()).and_modify(|count| *count -= 1);
         counts.retain(|_, count| *count > 0);
     }
@@ -85,23 +82,24 @@ pub(super) struct HandshakeRate {
 
 impl HandshakeRate {
     pub(super) fn new(now: Instant) -> Self {
-        Self { of_network: BTreeMap::new(), of_all: TokenBucket { tokens: ALL_HANDSHAKES_AT_ONCE, at: now } }
+        let of_all = TokenBucket::full(ALL_HANDSHAKES_PER_S, ALL_HANDSHAKES_AT_ONCE, now);
+        Self { of_network: BTreeMap::new(), of_all }
     }
 
     /// Whether a host of this network may begin a handshake now.
     pub(super) fn allows(&mut self, network: IpAddr, now: Instant) -> bool {
         if self.of_network.len() >= MAX_NETWORKS && !self.of_network.contains_key(&network) {
             // A full bucket is that of a network that was never seen.
-            self.of_network
-                .retain(|_, bucket| bucket.fill(now, HANDSHAKES_PER_S, HANDSHAKES_AT_ONCE) < HANDSHAKES_AT_ONCE);
+            self.of_network.retain(|_, bucket| bucket.fill(now) < HANDSHAKES_AT_ONCE);
             if self.of_network.len() >= MAX_NETWORKS {
                 return false;
             }
         }
-        let own = self.of_network.entry(network).or_insert(TokenBucket { tokens: HANDSHAKES_AT_ONCE, at: now });
-        let has_own = own.fill(now, HANDSHAKES_PER_S, HANDSHAKES_AT_ONCE) >= 1.0;
+        let full = TokenBucket::full(HANDSHAKES_PER_S, HANDSHAKES_AT_ONCE, now);
+        let own = self.of_network.entry(network).or_insert(full);
+        let has_own = own.fill(now) >= 1.0;
         // A network above its own limit takes nothing from the others.
-        if has_own && self.of_all.fill(now, ALL_HANDSHAKES_PER_S, ALL_HANDSHAKES_AT_ONCE) >= 1.0 {
+        if has_own && self.of_all.fill(now) >= 1.0 {
             own.tokens -= 1.0;
             self.of_all.tokens -= 1.0;
             return true;
@@ -111,51 +109,51 @@ impl HandshakeRate {
 }
 
 /// A token bucket: it fills at a constant rate up to its size.
-struct TokenBucket {
+pub(super) struct TokenBucket {
+    per_s: f64,
+    size: f64,
     tokens: f64,
     at: Instant,
 }
 
 impl TokenBucket {
-    /// Adds the tokens since the last call, and returns how many there are.
-    fn fill(&mut self, now: Instant, per_s: f64, size: f64) -> f64 {
-        let since = now.saturating_duration_since(self.at);
-        self.at = now;
-        self.tokens = (self.tokens + since.as_secs_f64() * per_s).min(size);
-        self.tokens
+    fn full(per_s: f64, size: f64, now: Instant) -> Self {
+        Self { per_s, size, tokens: size, at: now }
     }
 
-    /// Takes this many tokens, also those that come later. Returns the time until they have come.
-    fn take(&mut self, count: f64, now: Instant, per_s: f64, size: f64) -> Duration {
-        self.tokens = self.fill(now, per_s, size) - count;
-        Duration::from_secs_f64((-self.tokens / per_s).max(0.0))
+    /// Adds the tokens since the last call, and returns how many there are.
+    fn fill(&mut self, now: Instant) -> f64 {
+        let since = now.saturating_duration_since(self.at);
+        self.at = now;
+        self.tokens = (self.tokens + since.as_secs_f64() * self.per_s).min(self.size);
+        self.tokens
     }
 }
 
-/// What each guest, an observer or operator, may still send now, by the name in its certificate.
+/// The rate at which each guest, an observer or operator, may still send now, by the name in its certificate.
 #[derive(Default)]
 pub(super) struct GuestRates(Mutex<BTreeMap<String, Weak<Mutex<TokenBucket>>>>);
 
 impl GuestRates {
     /// Begins a link of this guest.
     pub(super) fn link(&self, name: &str, now: Instant) -> GuestLink {
-        let mut rates = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut rates = self.0.lock();
         rates.retain(|_, rate| rate.strong_count() > 0);
         let of_guest = rates.get(name).and_then(Weak::upgrade).unwrap_or_else(|| {
-            let full = TokenBucket { tokens: FROM_GUEST_BYTES_AT_ONCE, at: now };
+            let full = TokenBucket::full(FROM_GUEST_BYTES_PER_S, FROM_GUEST_BYTES_AT_ONCE, now);
             let of_guest = Arc::new(Mutex::new(full));
             rates.insert(name.to_owned(), Arc::downgrade(&of_guest));
             of_guest
         });
-        let sent = TokenBucket { tokens: TO_GUEST_BYTES_AT_ONCE, at: now };
-        GuestLink { received: GuestReceived { of_guest, left: FROM_GUEST_BYTES }, sent: GuestSent(sent) }
+        let sent = TokenBucket::full(TO_GUEST_BYTES_PER_S, TO_GUEST_BYTES_AT_ONCE, now);
+        GuestLink { received: GuestReceived { of_guest, left: FROM_GUEST_BYTES }, sent }
     }
 }
 
 /// Limits the traffic of one link with a guest.
 pub(super) struct GuestLink {
     pub(super) received: GuestReceived,
-    pub(super) sent: GuestSent,
+    pub(super) sent: TokenBucket,
 }
 
 /// Limits what a guest sends in one link.
@@ -164,9 +162,6 @@ pub(super) struct GuestReceived {
     of_guest: Arc<Mutex<TokenBucket>>,
     left: u64,
 }
-
-/// Limits what one link sends to a guest.
-pub(super) struct GuestSent(TokenBucket);
 
 /// Limits one direction of a link.
 pub(super) trait Limit {
@@ -178,14 +173,15 @@ pub(super) trait Limit {
 impl Limit for GuestReceived {
     fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration> {
         self.left = self.left.checked_sub(bytes as u64)?;
-        let mut of_guest = self.of_guest.lock().unwrap_or_else(PoisonError::into_inner);
-        Some(of_guest.take(bytes as f64, now, FROM_GUEST_BYTES_PER_S, FROM_GUEST_BYTES_AT_ONCE))
+        self.of_guest.lock().take(bytes, now)
     }
 }
 
-impl Limit for GuestSent {
+impl Limit for TokenBucket {
+    /// Takes a token for each byte, also those that come later: the time to wait is that until they have come.
     fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration> {
-        Some(self.0.take(bytes as f64, now, TO_GUEST_BYTES_PER_S, TO_GUEST_BYTES_AT_ONCE))
+        self.tokens = self.fill(now) - bytes as f64;
+        Some(Duration::from_secs_f64((-self.tokens / self.per_s).max(0.0)))
     }
 }
 
@@ -209,7 +205,7 @@ mod tests {
         taken.pop();
         assert!(quota.take(ip("10.0.0.9"), 4, 6).is_some(), "one of its uses has ended");
         drop((taken, others));
-        assert!(quota.lock().is_empty(), "a key without uses is forgotten");
+        assert!(quota.0.lock().is_empty(), "a key without uses is forgotten");
     }
 
     #[test]
@@ -255,7 +251,7 @@ mod tests {
         assert_eq!(read * 1024, FROM_GUEST_BYTES - FROM_GUEST_BYTES_AT_ONCE as u64);
         drop((first, second));
         drop(rates.link("operator", later));
-        assert!(rates.0.lock().unwrap().keys().eq(["operator"]), "a guest without links is forgotten");
+        assert!(rates.0.lock().keys().eq(["operator"]), "a guest without links is forgotten");
     }
 
     #[test]

@@ -109,7 +109,7 @@ mod unix {
 
     /// Whether no other user can replace a folder made in here: only this user can write to it, or its sticky bit lets
     /// each user change only their own entries, as in `/tmp`.
-    fn is_trusted(folder: &Path) -> bool {
+    pub(super) fn is_trusted(folder: &Path) -> bool {
         let own = rustix::process::getuid().as_raw();
         let is_sticky = |mode: u32| mode & 0o1000 != 0;
         fs::metadata(folder).is_ok_and(|found| {
@@ -136,29 +136,6 @@ mod unix {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
                 Ok(()) => return Ok(folder),
-            }
-        }
-    }
-
-    #[cfg(test)]
-    mod tests {
-        use std::os::unix::fs::{PermissionsExt, chown};
-
-        use super::*;
-
-        #[test]
-        fn sockets_are_in_a_folder_that_no_other_user_can_replace() {
-            let folder = tempfile::tempdir().unwrap();
-            let with_mode = |mode| {
-                fs::set_permissions(folder.path(), fs::Permissions::from_mode(mode)).unwrap();
-                is_trusted(folder.path())
-            };
-            assert!(with_mode(0o700) && with_mode(0o755) && with_mode(0o1777));
-            assert!(!with_mode(0o777) && !with_mode(0o770) && !with_mode(0o702));
-            assert!(!is_trusted(&folder.path().join("none")));
-            if rustix::process::geteuid().is_root() {
-                chown(folder.path(), Some(65534), None).unwrap();
-                assert!(!with_mode(0o700) && !with_mode(0o1777));
             }
         }
     }
@@ -239,6 +216,31 @@ mod loopback {
             let stream = TcpStream::connect(self.0).await?;
             stream.set_nodelay(true)?;
             Ok(stream)
+        }
+    }
+}
+
+#[cfg(unix)]
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::os::unix::fs::{PermissionsExt, chown};
+
+    use super::unix::is_trusted;
+
+    #[test]
+    fn sockets_are_in_a_folder_that_no_other_user_can_replace() {
+        let folder = tempfile::tempdir().unwrap();
+        let with_mode = |mode| {
+            fs::set_permissions(folder.path(), fs::Permissions::from_mode(mode)).unwrap();
+            is_trusted(folder.path())
+        };
+        assert!(with_mode(0o700) && with_mode(0o755) && with_mode(0o1777));
+        assert!(!with_mode(0o777) && !with_mode(0o770) && !with_mode(0o702));
+        assert!(!is_trusted(&folder.path().join("none")));
+        if rustix::process::geteuid().is_root() {
+            chown(folder.path(), Some(65534), None).unwrap();
+            assert!(!with_mode(0o700) && !with_mode(0o1777));
         }
     }
 }

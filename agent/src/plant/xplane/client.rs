@@ -24,6 +24,7 @@ use std::time::{Duration, Instant};
 use skein_common::frame::{Geodetic, Origin, TangentPlane};
 use skein_common::math::{cos, hypot};
 use skein_common::message::{SimulatorFault, Standstill};
+use skein_common::scenario::VehicleModel;
 
 use super::convert;
 use super::placing::{NEAR_ORIGIN_M, Placing, PlacingState, from_origin_m, is_flying};
@@ -37,10 +38,10 @@ use inquiry::Inquiry;
 pub use inquiry::RANDOM_FAILURES;
 use pilot::Pilot;
 pub use session::Indices;
-use session::{METRES_PER_DEGREE, Provenance, Sender, Senders, TOP_SPEED_M_S, Value, wrap_deg};
+use session::{METRES_PER_DEGREE, Provenance, Reading, Sender, Senders, TOP_SPEED_M_S, wrap_deg};
 use skein_core::aircraft::Profile;
 use skein_core::plant::{Command, Controls, Frame, PeerPose, PlantStatus};
-use traffic::Traffic;
+use traffic::PeerTraffic;
 
 /// Time between two subscriptions, needed because X-Plane forgets its subscribers when it restarts.
 const RESUBSCRIBE: Duration = Duration::from_secs(5);
@@ -101,8 +102,8 @@ pub struct Client {
     is_released: bool,
     /// Where the aircraft has to be placed before its flight.
     placing: Option<Placing>,
-    traffic: Traffic,
-    /// What it asks of the simulator once, if it does.
+    traffic: PeerTraffic,
+    /// The questions that it asks the simulator once, if it does.
     inquiry: Option<Inquiry>,
     /// The simulator's running time as last received, s.
     running_s: f32,
@@ -146,7 +147,7 @@ impl Client {
             is_released: false,
             indices,
             placing: None,
-            traffic: Traffic::default(),
+            traffic: PeerTraffic::default(),
             inquiry: None,
             running_s: 0.0,
             is_paused: false,
@@ -178,18 +179,19 @@ impl Client {
         self.inquiry = Some(Inquiry::new(&self.profile));
     }
 
-    /// From now on reports random failures of the simulator as wanted.
-    pub fn want_random_failures(&mut self) {
-        self.inquiry.iter_mut().for_each(Inquiry::want_failures);
-    }
-
-    /// From now on draws up to this number of peers, at most 19, as the simulator's other aircraft. `acf` is the path of
-    /// the aircraft file that is loaded for them, if any.
+    /// Takes over what the scenario's table `[plant]` says: whether random failures are wanted, which peers are drawn as the
+    /// simulator's other aircraft, and the deflection of the stick with which the pilot takes the controls.
     ///
     /// # Errors
-    /// If the path does not fit into a message.
-    pub fn show_up_to(&mut self, most: usize, acf: Option<&str>) -> Result<(), WireError> {
-        self.traffic = Traffic::new(most, acf)?;
+    /// If the path of the aircraft file for peers does not fit into a message.
+    pub fn set_up(&mut self, plant: &VehicleModel) -> Result<(), WireError> {
+        if plant.random_failures {
+            self.inquiry.iter_mut().for_each(Inquiry::want_failures);
+        }
+        if let Some(deflection) = plant.stick_release {
+            self.pilot.take_at(deflection as f32);
+        }
+        self.traffic = PeerTraffic::new(plant.show_peers, plant.peer_acf.as_deref())?;
         Ok(())
     }
 
@@ -206,18 +208,12 @@ impl Client {
         }
     }
 
-    /// From now on the pilot takes the controls by moving the stick farther than this from its centre, as a share of its
-    /// travel.
-    pub fn release_at(&mut self, deflection: f64) {
-        self.pilot.take_at(deflection as f32);
-    }
-
     /// Positions of the controls as X-Plane reports them now; `None` if one has not arrived lately.
     pub fn controls(&self, now: Instant) -> Option<Controls> {
         self.pilot.controls(now)
     }
 
-    /// What the simulator reports now beside its frames.
+    /// The status that the simulator reports now beside its frames.
     pub fn status(&mut self, now: Instant) -> PlantStatus {
         PlantStatus {
             standstill: self.standstill(now),
@@ -320,8 +316,8 @@ impl Client {
     fn subscribe(&mut self, rate_hz: u32, slow_hz: u32, send: Send<'_>) {
         rpos::PositionRequest { rate_hz }.encode(&mut self.outgoing);
         send(&self.outgoing);
-        for value in Value::ALL {
-            let frequency_hz = if value == Value::Version { slow_hz } else { rate_hz };
+        for &value in Reading::ALL {
+            let frequency_hz = if value == Reading::Version { slow_hz } else { rate_hz };
             let Some(path) = value.path(&self.profile) else { continue };
             if !self.pilot.needs(value) {
                 continue;
@@ -383,26 +379,26 @@ impl Client {
         for (index, value) in rref::decode_values(datagram)? {
             match self.indices.value(index) {
                 _ if !value.is_finite() => self.counters.malformed += 1,
-                Some(Value::RunningTime) => {
+                Some(Reading::RunningTime) => {
                     if value < std::mem::replace(&mut self.running_s, value) {
                         self.traffic.simulator_restarted();
                         self.inquiry.iter_mut().for_each(Inquiry::restart);
                     }
                     self.clock.running_time(now, value);
                 }
-                Some(Value::Paused) => self.is_paused = value != 0.0,
-                Some(Value::InReplay) => self.is_in_replay = value != 0.0,
-                Some(Value::Crashed) => self.has_crashed = value != 0.0,
-                Some(Value::Override) => self.holder.overridden(value != 0.0),
-                Some(Value::Roll) => {
+                Some(Reading::Paused) => self.is_paused = value != 0.0,
+                Some(Reading::InReplay) => self.is_in_replay = value != 0.0,
+                Some(Reading::Crashed) => self.has_crashed = value != 0.0,
+                Some(Reading::Override) => self.holder.overridden(value != 0.0),
+                Some(Reading::Roll) => {
                     self.holder.read(value, now);
-                    self.pilot.read(Value::Roll, value, now);
+                    self.pilot.read(Reading::Roll, value, now);
                 }
-                Some(Value::RotorSpeed) => self.rotor_speed = Some((now, value)),
-                Some(Value::Version) => self.version = Some(value as u32),
-                Some(Value::ReferenceLatitude) => self.refer_to(0, value),
-                Some(Value::ReferenceLongitude) => self.refer_to(1, value),
-                Some(part @ (Value::Latitude | Value::Longitude | Value::Elevation)) => {
+                Some(Reading::RotorSpeed) => self.rotor_speed = Some((now, value)),
+                Some(Reading::Version) => self.version = Some(value as u32),
+                Some(Reading::ReferenceLatitude) => self.refer_to(0, value),
+                Some(Reading::ReferenceLongitude) => self.refer_to(1, value),
+                Some(part @ (Reading::Latitude | Reading::Longitude | Reading::Elevation)) => {
                     self.senders.place(part, value, now);
                 }
                 Some(part) => self.pilot.read(part, value, now),

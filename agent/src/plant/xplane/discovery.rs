@@ -8,7 +8,7 @@ use std::time::Duration;
 use skein_host::clock::now;
 use socket2::{Domain, Protocol, Socket, Type};
 
-use super::socket::{Port, Received, is_this_host};
+use super::socket::{Port, Received, is_this_host, own_address_towards};
 use super::wire::becn::{self, Beacon};
 
 /// Most X-Planes that are kept: anything on the network can send a beacon.
@@ -103,11 +103,9 @@ fn interfaces() -> Vec<(String, Ipv4Addr)> {
     if_addrs::get_if_addrs().unwrap_or_default().into_iter().filter_map(of).collect()
 }
 
-/// Name of the interface over which this computer sends to this address; nothing is sent.
+/// Name of the interface over which this computer sends to this address.
 fn interface_towards(address: SocketAddr) -> Option<String> {
-    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
-    socket.connect(address).ok()?;
-    let own = socket.local_addr().ok()?.ip();
+    let own = own_address_towards(address)?;
     interfaces().into_iter().find(|(_, address)| *address == own).map(|(name, _)| name)
 }
 

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use ring::rand::{SecureRandom, SystemRandom};
 use skein_common::frame::Origin;
+use skein_common::scenario::VehicleModel;
 use skein_host::clock::now;
 
 use super::client::{Client, Counters, Indices};
@@ -103,28 +104,14 @@ impl XPlane {
         })
     }
 
-    /// From now on places the aircraft, if it is on the ground elsewhere, before its flight.
-    pub fn start_at(&mut self, place: Placement) {
-        self.client.start_at(place);
-    }
-
-    /// From now on reports random failures of the simulator as wanted.
-    pub fn want_random_failures(&mut self) {
-        self.client.want_random_failures();
-    }
-
-    /// From now on draws up to this number of peers; `acf` is the aircraft file that the simulator loads for them, if any.
+    /// Takes over what the scenario says: the aircraft is placed at `start` before its flight if it is on the ground elsewhere,
+    /// and the table `[plant]` ([`Client::set_up`]).
     ///
     /// # Errors
-    /// If the path does not fit into a message.
-    pub fn show_up_to(&mut self, most: usize, acf: Option<&str>) -> Result<(), XPlaneLinkError> {
-        self.client.show_up_to(most, acf).map_err(XPlaneLinkError::PeerAircraft)
-    }
-
-    /// From now on the pilot takes the controls by moving the stick farther than this from its centre, as a share of its
-    /// travel.
-    pub fn release_at(&mut self, deflection: f64) {
-        self.client.release_at(deflection);
+    /// If the path of the aircraft file for peers does not fit into a message.
+    pub fn set_up(&mut self, start: Option<Placement>, plant: &VehicleModel) -> Result<(), XPlaneLinkError> {
+        start.into_iter().for_each(|place| self.client.start_at(place));
+        self.client.set_up(plant).map_err(XPlaneLinkError::PeerAircraft)
     }
 
     /// Address of the simulator, once known.
@@ -132,7 +119,7 @@ impl XPlane {
         self.simulator
     }
 
-    /// What was received so far.
+    /// The client, which holds what was received so far.
     pub fn client(&self) -> &Client {
         &self.client
     }

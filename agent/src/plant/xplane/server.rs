@@ -25,7 +25,7 @@ use std::net::SocketAddr;
 use super::wire::aircraft::{ACFN, Load, Move, Physics};
 use super::wire::becn::{self, Beacon};
 use super::wire::dref::{self, Write};
-use super::wire::operation::{self, Command, End};
+use super::wire::operation::{self, Command};
 use super::wire::prel::{self, Placement};
 use super::wire::{WireError, radr, rows, rpos, rref};
 use clients::Clients;
@@ -38,7 +38,7 @@ use settings::{Setting, Settings};
 use skein_common::frame::TangentPlane;
 use skein_core::plant::{Controls, Frame};
 pub use weather::{MOST_TURBULENT, SEVERE_W20_M_S};
-pub use web::{Flight, Task, Value};
+pub use web::{Elements, Flight, Task};
 
 /// A client silent for this long counts as gone where that matters, s. Our agents subscribe again every five seconds.
 const PRESUMED_GONE_S: u64 = 12;
@@ -76,7 +76,7 @@ impl Version {
     }
 }
 
-/// What the caller has to do with the user's own aircraft after a datagram.
+/// An order to the caller about the user's own aircraft, after a datagram.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {
     /// Put it to this place.
@@ -181,7 +181,7 @@ impl Server {
             Some(&radr::TAG) => radr::RadarRequest::decode(datagram)
                 .map(|request| self.radar.subscribe(from, request, self.frame_rate_hz))
                 .map(|()| None),
-            Some(tag) if End::ALL.iter().any(|end| end.tag() == *tag) => {
+            Some(tag) if operation::ENDS.contains(tag) => {
                 // A class of students shares a network: one of them must not end the simulator of another.
                 self.refused_ends += 1;
                 Ok(None)
@@ -276,7 +276,7 @@ impl Server {
         let own = [Setting::DataRate, Setting::RandomFailures, Setting::Speed, Setting::DropShare, Setting::LoadTime];
         self.settings.keep(&old, &own);
         self.settings.keep(&old, &[Setting::LocalTime, Setting::LocalDate, Setting::Payload, Setting::Fuel]);
-        self.settings.keep(&old, weather::SETTINGS);
+        weather::SETTINGS.iter().for_each(|weather| self.settings.keep(&old, weather));
         (self.has_collective, self.has_stick) = (false, false);
     }
 
@@ -339,7 +339,7 @@ impl Server {
         Ok(written.and_then(|setting| self.after_write(setting)))
     }
 
-    /// What follows from a written setting.
+    /// Follows a written setting with its consequences.
     fn after_write(&mut self, setting: Setting) -> Option<Order> {
         self.has_collective |= setting == Setting::Collective;
         self.has_stick |= setting == Setting::Stick;

@@ -1,7 +1,7 @@
 //! A UDP socket that can be read with a deadline or without waiting, and whose errors are never fatal.
 
 use std::io;
-use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 use skein_host::clock::{now, sleep};
@@ -28,6 +28,13 @@ pub(super) fn is_this_host(ip: IpAddr) -> bool {
     };
     let is_one_host = is_unicast && !ip.is_unspecified() && !ip.is_multicast();
     is_one_host && (ip.is_loopback() || UdpSocket::bind((ip, 0)).is_ok())
+}
+
+/// Address from which this computer sends to an IPv4 address, found without sending anything.
+pub(super) fn own_address_towards(address: SocketAddr) -> Option<IpAddr> {
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
+    socket.connect(address).ok()?;
+    Some(socket.local_addr().ok()?.ip())
 }
 
 /// Result of one attempt to receive.
@@ -114,8 +121,6 @@ impl Port {
 
 #[cfg(test)]
 mod tests {
-    use std::net::Ipv4Addr;
-
     use super::*;
 
     #[test]

@@ -13,7 +13,7 @@ mod web;
 
 use std::collections::VecDeque;
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use skein_host::clock::{now, sleep_until};
 use socket2::SockRef;
 
-use super::socket::{Port, Received, is_receiver_down, is_this_host};
+use super::socket::{Port, Received, is_receiver_down, is_this_host, own_address_towards};
 use super::wire::{becn, rpos};
 pub use options::{StandinError, StandinOptions, WebPort};
 use options::{udp_port, web_port};
@@ -268,12 +268,10 @@ fn beacon_sockets() -> Vec<UdpSocket> {
     interfaces.into_iter().flatten().filter_map(|interface| over(interface).ok()).collect()
 }
 
-/// Address of the interface over which the beacon's group is reached, found without sending anything.
+/// Address of the interface over which the beacon's group is reached.
 fn default_interface() -> Option<Ipv4Addr> {
-    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0)).ok()?;
-    socket.connect((Ipv4Addr::from(becn::GROUP), becn::PORT)).ok()?;
-    match socket.local_addr().ok()? {
-        SocketAddr::V4(local) if !local.ip().is_loopback() && !local.ip().is_unspecified() => Some(*local.ip()),
+    match own_address_towards((becn::GROUP, becn::PORT).into())? {
+        IpAddr::V4(own) if !own.is_loopback() && !own.is_unspecified() => Some(own),
         _ => None,
     }
 }

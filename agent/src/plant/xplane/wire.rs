@@ -10,9 +10,9 @@
 //! | [`rref`] | send me a dataref | values of datarefs |
 //! | [`dref`] | write a dataref | – |
 //! | [`prel`] | place an aircraft | – |
-//! | [`aircraft`] | set its pose, load it, load and place it | – |
+//! | [`aircraft`] | set its pose, load it | – |
 //! | [`rows`] | write rows of numbers, select rows, name their receiver | rows of numbers |
-//! | [`operation`] | run a command, save or load a situation, show a message, end X-Plane | – |
+//! | [`operation`] | run a command, end X-Plane | – |
 //! | [`radr`] | send me the weather radar | its points |
 //!
 //! Layouts: Laminar Research, "Exchanging Data with X-Plane". Where X-Plane deviates from that text (the beacon's name,
@@ -85,31 +85,16 @@ fn body_of_size<'a>(datagram: &'a [u8], tag: &Tag, total: usize) -> Result<Field
 /// Reads fields from the front of a message.
 struct Fields<'a>(&'a [u8]);
 
-macro_rules! little_endian {
-    ($($number:ident)*) => {
-        $(fn $number(&mut self) -> Result<$number, WireError> {
-            Ok($number::from_le_bytes(self.array()?))
-        })*
-    };
-}
-
 impl<'a> Fields<'a> {
-    little_endian! { u8 u16 u32 i32 }
+    /// The next field of this type.
+    fn next<T: Packed>(&mut self) -> Result<T, WireError> {
+        T::read(self)
+    }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], WireError> {
         let (field, rest) = self.0.split_first_chunk::<N>().ok_or(WireError::WrongSize)?;
         self.0 = rest;
         Ok(*field)
-    }
-
-    fn finite_f32(&mut self) -> Result<f32, WireError> {
-        let value = f32::from_le_bytes(self.array()?);
-        if value.is_finite() { Ok(value) } else { Err(WireError::NonFinite) }
-    }
-
-    fn finite_f64(&mut self) -> Result<f64, WireError> {
-        let value = f64::from_le_bytes(self.array()?);
-        if value.is_finite() { Ok(value) } else { Err(WireError::NonFinite) }
     }
 
     /// The next bytes up to the first NUL among them, of a text field of this length.
@@ -125,40 +110,114 @@ impl<'a> Fields<'a> {
     }
 }
 
+/// A part of a message that is packed the same way in both directions.
+trait Packed: Sized {
+    /// Reads it from the front of the fields.
+    fn read(fields: &mut Fields<'_>) -> Result<Self, WireError>;
+
+    /// Appends it.
+    fn write(&self, out: &mut Vec<u8>);
+}
+
+macro_rules! little_endian {
+    ($($number:ident, $is_valid:expr;)*) => {
+        $(impl Packed for $number {
+            fn read(fields: &mut Fields<'_>) -> Result<Self, WireError> {
+                Some(Self::from_le_bytes(fields.array()?)).filter($is_valid).ok_or(WireError::NonFinite)
+            }
+
+            fn write(&self, out: &mut Vec<u8>) {
+                out.extend(self.to_le_bytes());
+            }
+        })*
+    };
+}
+
+little_endian! {
+    u8, |_| true;
+    u16, |_| true;
+    u32, |_| true;
+    i32, |_| true;
+    f32, |number| number.is_finite();
+    f64, |number| number.is_finite();
+}
+
+/// Declares a part of a message: its fields follow each other as they stand here. A field is packed as its type is, or by the
+/// functions `read` and `write` of the module after `as`.
+macro_rules! layout {
+    (
+        $(#[$about:meta])*
+        pub struct $name:ident { $($(#[$meaning:meta])* pub $field:ident: $type:ty $(as $module:ident)?,)* }
+    ) => {
+        $(#[$about])*
+        pub struct $name { $($(#[$meaning])* pub $field: $type,)* }
+
+        impl $crate::plant::xplane::wire::Packed for $name {
+            fn read(fields: &mut $crate::plant::xplane::wire::Fields<'_>) -> Result<Self, WireError> {
+                Ok(Self { $($field: layout!(@read fields $($module)?)?,)* })
+            }
+
+            fn write(&self, out: &mut Vec<u8>) {
+                $(layout!(@write out, &self.$field $(, $module)?);)*
+            }
+        }
+    };
+    (@read $fields:ident) => { $fields.next() };
+    (@read $fields:ident $module:ident) => { $module::read($fields) };
+    (@write $out:ident, $value:expr) => { $crate::plant::xplane::wire::Packed::write($value, $out) };
+    (@write $out:ident, $value:expr, $module:ident) => { $module::write($value, $out) };
+}
+use layout;
+
+/// How the number of an aircraft is packed.
+mod aircraft_number {
+    use super::{Fields, Packed, WireError};
+
+    /// Number of aircraft in X-Plane; the user's is number 0.
+    const AIRCRAFT: u8 = 20;
+
+    pub(super) fn read(fields: &mut Fields<'_>) -> Result<u8, WireError> {
+        u8::try_from(fields.next::<i32>()?).ok().filter(|number| *number < AIRCRAFT).ok_or(WireError::OutOfRange)
+    }
+
+    pub(super) fn write(number: &u8, out: &mut Vec<u8>) {
+        i32::from(*number).write(out);
+    }
+}
+
+/// The parts of a message that consists of parts of this length, bytes, at least one.
+fn parts<T: Packed>(datagram: &[u8], tag: &Tag, length: usize) -> Result<Vec<T>, WireError> {
+    let body = body(datagram, tag)?;
+    if body.is_empty() || !body.len().is_multiple_of(length) {
+        return Err(WireError::WrongSize);
+    }
+    body.chunks(length).map(|part| Fields(part).next()).collect()
+}
+
+/// Refuses a place that is not on the globe.
+fn check_place(latitude_deg: f64, longitude_deg: f64) -> Result<(), WireError> {
+    let is_on_it = latitude_deg.abs() <= 90.0 && longitude_deg.abs() <= 180.0;
+    if is_on_it { Ok(()) } else { Err(WireError::OutOfRange) }
+}
+
 /// Starts a message in a buffer that is used repeatedly.
-fn begin(out: &mut Vec<u8>, tag: &Tag, fifth_byte: u8) {
+fn begin(out: &mut Vec<u8>, tag: &Tag) {
     out.clear();
     out.extend_from_slice(tag);
-    out.push(fifth_byte);
+    out.push(0);
 }
 
-/// Appends a text and NULs up to the `total` length of the message; at least one NUL follows the text.
-fn finish_with_text(out: &mut Vec<u8>, text: &str, total: usize) -> Result<(), WireError> {
-    if text.contains('\0') {
-        return Err(WireError::NotText);
-    }
-    if out.len() + text.len() >= total {
-        return Err(WireError::TooLong);
-    }
-    out.extend_from_slice(text.as_bytes());
-    out.resize(total, 0);
-    Ok(())
-}
-
-/// Refuses a text that is longer than `max` bytes or contains a NUL.
-fn fits(text: &str, max: usize) -> Result<(), WireError> {
+/// Appends a text of at most `longest` bytes, and NULs up to the length of its field.
+fn put_text(out: &mut Vec<u8>, text: &str, longest: usize, field: usize) -> Result<(), WireError> {
     match text {
-        _ if text.contains('\0') => Err(WireError::NotText),
-        _ if text.len() > max => Err(WireError::TooLong),
-        _ => Ok(()),
+        _ if text.contains('\0') => return Err(WireError::NotText),
+        _ if text.len() > longest => return Err(WireError::TooLong),
+        _ => {}
     }
-}
-
-/// Appends a text field of this length, padded with NULs. A longer text is cut: callers check it by [`fits`].
-fn put_text(out: &mut Vec<u8>, text: &str, length: usize) {
-    let end = out.len() + length;
-    out.extend(text.bytes().take(length));
+    let end = out.len() + field;
+    out.extend_from_slice(text.as_bytes());
     out.resize(end, 0);
+    Ok(())
 }
 
 /// Checks a text: UTF-8 without control characters.
@@ -169,17 +228,18 @@ fn text(bytes: &[u8]) -> Result<&str, WireError> {
     }
 }
 
-/// Reads a rate: decimal digits up to a NUL or to the end; padding after the NUL is ignored.
-fn decimal(body: &[u8]) -> Result<u32, WireError> {
-    let digits = Fields(body).text();
+/// Reads the request for something at a rate: decimal digits up to a NUL or to the end; padding after the NUL is ignored.
+fn rate_of(datagram: &[u8], tag: &Tag) -> Result<u32, WireError> {
+    let digits = Fields(body(datagram, tag)?).text();
     if digits.is_empty() || !digits.iter().all(u8::is_ascii_digit) {
         return Err(WireError::NotText);
     }
-    std::str::from_utf8(digits).map_err(|_| WireError::NotText)?.parse().map_err(|_| WireError::OutOfRange)
+    text(digits)?.parse().map_err(|_| WireError::OutOfRange)
 }
 
-/// Appends a rate as digits and a NUL.
-fn put_decimal(out: &mut Vec<u8>, rate_hz: u32) {
+/// Encodes the request for something at a rate as digits and a NUL.
+fn put_rate(out: &mut Vec<u8>, tag: &Tag, rate_hz: u32) {
+    begin(out, tag);
     out.extend_from_slice(rate_hz.to_string().as_bytes());
     out.push(0);
 }

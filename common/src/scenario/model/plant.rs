@@ -129,7 +129,12 @@ impl PlantKind {
         SPECS.iter().map(|spec| spec.kind)
     }
 
-    /// The facts about this kind.
+    /// The kinds in which this model flies.
+    pub fn flown_by(model: ModelKind) -> impl Iterator<Item = &'static PlantSpec> {
+        SPECS.iter().filter(move |spec| spec.command_for(model).is_some())
+    }
+
+    /// Everything that is to be known of this kind outside its own module.
     pub fn spec(self) -> &'static PlantSpec {
         &SPECS[self as usize]
     }
@@ -137,6 +142,16 @@ impl PlantKind {
     /// The kind with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::all().find(|kind| kind.spec().name == name)
+    }
+}
+
+impl ModelKind {
+    /// Its spelling in scenarios.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Helicopter => "helicopter",
+            Self::PointMass => "point_mass",
+        }
     }
 }
 
@@ -225,8 +240,11 @@ mod tests {
         for (kind, name) in PlantKind::all().zip(PlantKind::NAMES) {
             assert_eq!((kind.spec().kind, kind.spec().name, PlantKind::named(name)), (kind, *name, Some(kind)));
             assert_eq!(toml::Value::try_from(kind).unwrap().as_str(), Some(*name));
-            assert!(kind.spec().command_for(ModelKind::Helicopter).is_some(), "the default model flies in every plant");
+            assert!(!kind.spec().models.is_empty(), "{name} flies nothing");
         }
         assert_eq!(PlantKind::named("boat"), None);
+        for model in [ModelKind::Helicopter, ModelKind::PointMass] {
+            assert_eq!(toml::Value::try_from(model).unwrap().as_str(), Some(model.name()));
+        }
     }
 }

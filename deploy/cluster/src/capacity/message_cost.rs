@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 use skein_agent::link::signature::messages::KeyRing;
-use skein_agent::link::{Link, Security, Sessions, Trust};
+use skein_agent::link::{Link, Messages, Security, Sessions, Trust};
 use skein_common::frame::{Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleSet};
 use skein_common::message::{self, Echo, Header, Heartbeat, State};
@@ -209,7 +209,8 @@ impl LinkEnd {
         let position = Geodetic::from_degrees(28.000_1, -82.000_1, 30.1);
         let velocity = VelocityNed::new(0.1, -0.2, 0.01);
         let state = State { header: self.header(), state: VehicleState { position, velocity, heading_rad: 1.0 } };
-        self.link.publish_state(&state, Cell::of(PositionNed::new(10.0, -10.0, -30.0)));
+        let cell = Cell::of(PositionNed::new(10.0, -10.0, -30.0));
+        self.link.send(Messages { state: Some((state, cell)), ..Messages::default() });
         message::encode(&state).len()
     }
 
@@ -230,7 +231,7 @@ impl LinkEnd {
             echo,
             lost: VehicleSet::default(),
         };
-        self.link.publish_mission(&heartbeat);
+        self.link.send(Messages { mission: Some(heartbeat), ..Messages::default() });
         message::encode(&heartbeat).len()
     }
 

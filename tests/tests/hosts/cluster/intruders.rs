@@ -195,7 +195,18 @@ fn open(who: &str) -> Sessions {
                 serde_json::from_slice(&fs::read(folder.join("known.json")).unwrap()).unwrap();
             let vehicles = VehicleId::first(HOSTS.into()).map(VehicleName::from).zip(known).collect();
             let (observers, operator) = (vec!["observer".to_owned()], "operator".to_owned());
-            ("tls", Security::Tls(Tls { authority, certificate, key, vehicles, observers, operator }))
+            (
+                "tls",
+                Security::Tls(Tls {
+                    authority,
+                    certificate,
+                    key,
+                    orders: [0; 32].into(),
+                    vehicles,
+                    observers,
+                    operator,
+                }),
+            )
         }
     };
     let dial: Vec<String> = nodes().map(|(address, port)| format!("{protocol}/{address}:{port}")).collect();

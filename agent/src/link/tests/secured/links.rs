@@ -1,4 +1,4 @@
-//! Which nodes get a link, and what they can do with it.
+//! The nodes that get a link, and what they can do with it.
 
 use super::*;
 
@@ -21,7 +21,7 @@ fn a_node_without_a_certificate_is_refused() {
     let mut socket = TcpStream::connect(address).unwrap();
     let ended = Stream::new(&mut tls, &mut socket).read(&mut [0; 1]);
     assert!(ended.is_err(), "{ended:?}");
-    wait_until(|| swarm.one.receiver.refused().iter().any(|kind| kind.reason == Reason::Link));
+    wait_until(|| swarm.one.receiver.inbox.refusals.latest().iter().any(|kind| kind.reason == Reason::Link));
 }
 
 #[test]

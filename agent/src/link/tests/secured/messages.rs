@@ -1,4 +1,4 @@
-//! Which messages of a node with a link are accepted.
+//! The messages of a node with a link that are accepted.
 
 use zenoh::handlers::FifoChannel;
 
@@ -212,7 +212,7 @@ fn guests_are_linked_to_the_feed_and_receive_what_the_vehicles_publish() {
     }
 }
 
-/// What a guest may declare in one link is bounded, because the feed remembers it until the link ends.
+/// A guest may declare only so much in one link, because the feed remembers it until the link ends.
 #[test]
 fn a_guest_that_declares_without_end_loses_its_link_and_delays_no_vehicle() {
     let mut swarm = Swarm::begin("declares");

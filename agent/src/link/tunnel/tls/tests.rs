@@ -36,6 +36,7 @@ impl Swarm {
             authority: file("authority.pem", &own.pem()),
             certificate: file("own.pem", &signed(&issuer, &of_first, name(&["vehicle-1"])).1),
             key: file("own.key", &of_first.serialize_pem()),
+            orders: public_key.into(),
             vehicles: BTreeMap::from([(VehicleName::from(VehicleId::new(2).unwrap()), second)]),
             observers: vec!["observer".to_owned()],
             operator: "operator".to_owned(),
@@ -43,7 +44,7 @@ impl Swarm {
         Self { context: TlsContext::new(&tls).unwrap(), issuer, of_second }
     }
 
-    /// What this swarm takes the owner of such a certificate for.
+    /// The name and vehicle that this swarm sees in such a certificate.
     fn identify(&self, key: &KeyPair, name: DistinguishedName) -> Result<(String, Option<VehicleName>), String> {
         let peer = self.context.identify(&signed(&self.issuer, key, name).0);
         peer.map(|peer| (peer.name, peer.vehicle)).map_err(|error| error.to_string())

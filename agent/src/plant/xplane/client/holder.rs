@@ -26,7 +26,7 @@ const LEAST_WINDOWS: u32 = 2;
 const CHOICES: u32 = 6;
 
 /// Watches the roll control.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Holder {
     is_overridden: bool,
     /// When the first value was read.
@@ -47,18 +47,7 @@ pub(super) struct Holder {
 impl Holder {
     /// A holder that yields after a number of windows that this random number decides.
     pub(super) fn new(random: u32) -> Self {
-        Self {
-            is_overridden: false,
-            since: None,
-            last: None,
-            foreign_change: None,
-            written: VecDeque::with_capacity(MEMORY),
-            window: None,
-            contested: 0,
-            yields_after: LEAST_WINDOWS + random % CHOICES,
-            has_yielded: false,
-            is_left_over: false,
-        }
+        Self { yields_after: LEAST_WINDOWS + random % CHOICES, ..Self::default() }
     }
 
     /// Takes a value of the override.

@@ -43,9 +43,10 @@ struct Question {
 }
 
 /// How far the inquiry is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum State {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum InquiryState {
     /// The simulator has not sent a position yet.
+    #[default]
     Waiting,
     /// Asked from the first time on, and in this round from the second.
     Asking(Instant, Instant),
@@ -53,8 +54,8 @@ enum State {
     Ended,
 }
 
-/// What the simulator is asked, and what it has answered.
-#[derive(Debug)]
+/// The questions to the simulator, and its answers.
+#[derive(Debug, Default)]
 pub(super) struct Inquiry {
     /// The profile's datarefs, then those of random failures, then the bytes of the path if one is expected.
     questions: Vec<Question>,
@@ -63,7 +64,7 @@ pub(super) struct Inquiry {
     /// Part of the path that is expected.
     acf: Option<String>,
     wants_failures: bool,
-    state: State,
+    state: InquiryState,
     /// Requests that wait: the question, answers a second.
     waiting: VecDeque<(usize, u32)>,
     last_batch: Option<Instant>,
@@ -89,14 +90,7 @@ impl Inquiry {
             datarefs: datarefs.len().min(MOST_DATAREFS),
             questions: own.chain(failures).chain(path).map(|path| Question { path, answer: None }).collect(),
             acf: profile.acf.clone(),
-            wants_failures: false,
-            state: State::Waiting,
-            waiting: VecDeque::new(),
-            last_batch: None,
-            other: None,
-            is_compared: false,
-            ground_m: None,
-            faults: Vec::new(),
+            ..Self::default()
         }
     }
 
@@ -123,7 +117,7 @@ impl Inquiry {
 
     /// Asks anew: the simulator was restarted, or may have loaded another aircraft.
     pub(super) fn restart(&mut self) {
-        self.state = State::Waiting;
+        self.state = InquiryState::Waiting;
     }
 
     /// Takes an answer. The inquiry begins anew if random failures were turned on or off, or if a byte of the path has
@@ -139,21 +133,21 @@ impl Inquiry {
     /// Continues the inquiry: `ask` gets the number, the path and the rate of each request that is due. Call it often.
     pub(super) fn proceed(&mut self, now: Instant, is_answering: bool, mut ask: impl FnMut(usize, DatarefRequest<'_>)) {
         match self.state {
-            State::Waiting if is_answering => {
+            InquiryState::Waiting if is_answering => {
                 self.questions.iter_mut().for_each(|question| question.answer = None);
                 self.is_compared = false;
-                self.state = State::Asking(now, now);
+                self.state = InquiryState::Asking(now, now);
                 self.begin_round();
             }
-            State::Asking(since, _) if self.is_complete() || now >= since + GIVEN_UP => {
+            InquiryState::Asking(since, _) if self.is_complete() || now >= since + GIVEN_UP => {
                 self.end();
             }
-            State::Asking(since, round) if now >= round + ROUND && self.waiting.is_empty() => {
-                self.state = State::Asking(since, now);
+            InquiryState::Asking(since, round) if now >= round + ROUND && self.waiting.is_empty() => {
+                self.state = InquiryState::Asking(since, now);
                 self.begin_round();
             }
             // The vehicle must not take off before the wrong aircraft is noticed.
-            State::Asking(..) if !self.is_compared && self.path().is_some_and(|(_, is_whole)| is_whole) => {
+            InquiryState::Asking(..) if !self.is_compared && self.path().is_some_and(|(_, is_whole)| is_whole) => {
                 self.compare_aircraft();
             }
             _ => {}
@@ -170,7 +164,7 @@ impl Inquiry {
     pub(super) fn release(&self, mut ask: impl FnMut(usize, DatarefRequest<'_>)) {
         let subscribed = match self.state {
             _ if self.last_batch.is_none() => 0..0,
-            State::Ended if self.waiting.is_empty() => self.watched(),
+            InquiryState::Ended if self.waiting.is_empty() => self.watched(),
             _ => 0..self.questions.len(),
         };
         for nth in subscribed {
@@ -227,7 +221,7 @@ impl Inquiry {
 
     /// Ends the inquiry and its subscriptions, except those that stay, and reports what it has found.
     fn end(&mut self) {
-        self.state = State::Ended;
+        self.state = InquiryState::Ended;
         let watched = self.watched();
         self.waiting.clear();
         self.waiting.extend((0..self.questions.len()).filter(|nth| !watched.contains(nth)).map(|nth| (nth, 0)));
@@ -237,7 +231,7 @@ impl Inquiry {
         }
     }
 
-    /// What the answers show: datarefs of the profile that have not answered, random failures, and ground that is not at the
+    /// The faults that the answers show: datarefs of the profile that have not answered, random failures, and ground that is not at the
     /// height of the origin.
     fn found(&self) -> Vec<SimulatorFault> {
         let (datarefs, failures, _) = self.parts();
@@ -288,7 +282,7 @@ mod tests {
         inquiry: Inquiry,
         now: Instant,
         acf: &'static str,
-        /// What it does not have.
+        /// The datarefs that it does not have.
         missing: &'static str,
         /// Whether its random failures are on.
         is_failing: bool,

@@ -1,14 +1,14 @@
-//! What X-Plane reports of its human pilot: the positions of the controls, and of the pilot's own stick.
+//! X-Plane's reports of its human pilot: the positions of the controls, and of the pilot's own stick.
 
 use std::time::Instant;
 
 use super::STALE;
-use super::session::Value;
+use super::session::Reading;
 use skein_core::plant::Controls;
 
 /// The axes of the stick, and all controls.
-const STICK: [Value; 3] = [Value::StickRoll, Value::StickPitch, Value::StickYaw];
-const CONTROLS: [Value; 4] = [Value::Roll, Value::Pitch, Value::Yaw, Value::Collective];
+const STICK: [Reading; 3] = [Reading::StickRoll, Reading::StickPitch, Reading::StickYaw];
+const CONTROLS: [Reading; 4] = [Reading::Roll, Reading::Pitch, Reading::Yaw, Reading::Collective];
 
 /// The newest positions.
 #[derive(Debug, Default)]
@@ -33,16 +33,16 @@ impl Pilot {
     }
 
     /// Whether X-Plane has to be asked for this value: for one of the pilot's only if it is used, for any other always.
-    pub(super) fn needs(&self, value: Value) -> bool {
+    pub(super) fn needs(&self, value: Reading) -> bool {
         match value {
-            Value::StickRoll | Value::StickPitch | Value::StickYaw => self.takes_at.is_some(),
-            Value::Pitch | Value::Yaw | Value::Collective => self.has_flown,
+            Reading::StickRoll | Reading::StickPitch | Reading::StickYaw => self.takes_at.is_some(),
+            Reading::Pitch | Reading::Yaw | Reading::Collective => self.has_flown,
             _ => true,
         }
     }
 
     /// Takes a value that X-Plane has sent; another than the pilot's changes nothing.
-    pub(super) fn read(&mut self, part: Value, value: f32, now: Instant) {
+    pub(super) fn read(&mut self, part: Reading, value: f32, now: Instant) {
         let controls = CONTROLS.iter().zip(&mut self.controls);
         let kept = controls.chain(STICK.iter().zip(&mut self.stick)).find(|(known, _)| **known == part);
         kept.into_iter().for_each(|(_, kept)| *kept = Some((now, value)));

@@ -20,7 +20,7 @@ use skein_common::math::cos;
 
 use super::{RESUBSCRIBE_SILENT, STALE};
 use crate::plant::xplane::wire::rpos::Position;
-use skein_core::aircraft::Profile;
+use skein_core::aircraft::{Dataref, Profile};
 
 /// Number of our indices that proves a datagram in spite of foreign indices in it: too many to be guessed.
 const PROOF_COUNT: u32 = 3;
@@ -39,80 +39,50 @@ pub(super) const TOP_SPEED_M_S: f64 = 100.0;
 /// a fresh value and a position, amounts to 0.7 m.
 const MARGIN_M: f64 = 1.0;
 
-/// Values that are requested in addition to the position.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Value {
-    RunningTime,
-    Paused,
-    InReplay,
-    Crashed,
-    Override,
-    Roll,
-    Pitch,
-    Yaw,
-    Collective,
-    StickRoll,
-    StickPitch,
-    StickYaw,
-    RotorSpeed,
-    Version,
-    Latitude,
-    Longitude,
-    Elevation,
-    ReferenceLatitude,
-    ReferenceLongitude,
+macro_rules! values {
+    ($($value:ident: $path:expr;)*) => {
+        /// Values that are requested in addition to the position.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum Reading {
+            $($value,)*
+        }
+
+        impl Reading {
+            pub(super) const ALL: &[Self] = &[$(Self::$value,)*];
+
+            /// Path of the value's dataref, `None` if the aircraft's profile has none.
+            pub(super) fn path(self, profile: &Profile) -> Option<&str> {
+                let path: fn(&Profile) -> Option<&str> = match self {
+                    $(Self::$value => $path,)*
+                };
+                path(profile)
+            }
+        }
+    };
 }
 
-impl Value {
-    pub(super) const ALL: [Self; 19] = [
-        Self::RunningTime,
-        Self::Paused,
-        Self::InReplay,
-        Self::Crashed,
-        Self::Override,
-        Self::Roll,
-        Self::Pitch,
-        Self::Yaw,
-        Self::Collective,
-        Self::StickRoll,
-        Self::StickPitch,
-        Self::StickYaw,
-        Self::RotorSpeed,
-        Self::Version,
-        Self::Latitude,
-        Self::Longitude,
-        Self::Elevation,
-        Self::ReferenceLatitude,
-        Self::ReferenceLongitude,
-    ];
-
-    /// Path of the value's dataref, `None` if the aircraft's profile has none.
-    pub(super) fn path(self, profile: &Profile) -> Option<&str> {
-        Some(match self {
-            Self::RunningTime => "sim/time/total_running_time_sec",
-            Self::Paused => "sim/time/paused",
-            Self::InReplay => "sim/time/is_in_replay",
-            Self::Crashed => "sim/flightmodel2/misc/has_crashed",
-            Self::Override => profile.overrides.first()?.as_str(),
-            Self::Roll => profile.roll.as_str(),
-            Self::Pitch => profile.pitch.as_str(),
-            Self::Yaw => profile.yaw.as_str(),
-            Self::Collective => profile.collective.first()?.as_str(),
-            // What the pilot's own stick shows, whatever is written to the axes: X-Plane numbers its functions from
-            // 1 (pitch), 2 (roll), 3 (yaw).
-            Self::StickRoll => "sim/joystick/joy_mapped_axis_value[2]",
-            Self::StickPitch => "sim/joystick/joy_mapped_axis_value[1]",
-            Self::StickYaw => "sim/joystick/joy_mapped_axis_value[3]",
-            Self::RotorSpeed => profile.rotor_speed_rpm.as_str(),
-            Self::Version => "sim/version/xplane_internal_version",
-            Self::Latitude => "sim/flightmodel/position/latitude",
-            Self::Longitude => "sim/flightmodel/position/longitude",
-            Self::Elevation => "sim/flightmodel/position/elevation",
-            // Where the local frame, to which velocity and attitude refer, touches the Earth.
-            Self::ReferenceLatitude => "sim/flightmodel/position/lat_ref",
-            Self::ReferenceLongitude => "sim/flightmodel/position/lon_ref",
-        })
-    }
+values! {
+    RunningTime: |_| Some("sim/time/total_running_time_sec");
+    Paused: |_| Some("sim/time/paused");
+    InReplay: |_| Some("sim/time/is_in_replay");
+    Crashed: |_| Some("sim/flightmodel2/misc/has_crashed");
+    Override: |profile| profile.overrides.first().map(Dataref::as_str);
+    Roll: |profile| Some(profile.roll.as_str());
+    Pitch: |profile| Some(profile.pitch.as_str());
+    Yaw: |profile| Some(profile.yaw.as_str());
+    Collective: |profile| profile.collective.first().map(Dataref::as_str);
+    // The pilot's own stick, whatever is written to the axes: X-Plane numbers its functions from 1 (pitch), 2 (roll), 3 (yaw).
+    StickRoll: |_| Some("sim/joystick/joy_mapped_axis_value[2]");
+    StickPitch: |_| Some("sim/joystick/joy_mapped_axis_value[1]");
+    StickYaw: |_| Some("sim/joystick/joy_mapped_axis_value[3]");
+    RotorSpeed: |profile| Some(profile.rotor_speed_rpm.as_str());
+    Version: |_| Some("sim/version/xplane_internal_version");
+    Latitude: |_| Some("sim/flightmodel/position/latitude");
+    Longitude: |_| Some("sim/flightmodel/position/longitude");
+    Elevation: |_| Some("sim/flightmodel/position/elevation");
+    // The place where the local frame, to which velocity and attitude refer, touches the Earth.
+    ReferenceLatitude: |_| Some("sim/flightmodel/position/lat_ref");
+    ReferenceLongitude: |_| Some("sim/flightmodel/position/lon_ref");
 }
 
 /// Most datarefs that are asked for besides the values, once.
@@ -123,7 +93,7 @@ const FIRST_QUESTION_MASK: i32 = 0x3FFF_FFFF;
 /// Index of each value and of each question in this session.
 #[derive(Debug)]
 pub struct Indices {
-    values: [i32; Value::ALL.len()],
+    values: [i32; Reading::ALL.len()],
     /// Index of the first question; the others follow it.
     first_question: i32,
 }
@@ -133,7 +103,7 @@ impl Indices {
     /// echoes indices; they are not negative because its documentation shows no negative one.
     pub fn draw(mut fill: impl FnMut(&mut [u8]) -> bool) -> Option<Self> {
         loop {
-            let (mut bytes, mut first) = ([[0; 4]; Value::ALL.len()], [0; 4]);
+            let (mut bytes, mut first) = ([[0; 4]; Reading::ALL.len()], [0; 4]);
             if !fill(bytes.as_flattened_mut()) || !fill(&mut first) {
                 return None;
             }
@@ -163,14 +133,14 @@ impl Indices {
         self.values[0]
     }
 
-    pub(super) fn of(&self, value: Value) -> i32 {
+    pub(super) fn of(&self, value: Reading) -> i32 {
         self.values[value as usize]
     }
 
-    /// Value requested with this index; `None` if the session did not use it.
-    pub(super) fn value(&self, index: i32) -> Option<Value> {
+    /// Reading requested with this index; `None` if the session did not use it.
+    pub(super) fn value(&self, index: i32) -> Option<Reading> {
         let nth = self.values.iter().position(|own| *own == index)?;
-        Value::ALL.get(nth).copied()
+        Reading::ALL.get(nth).copied()
     }
 
     /// Classifies a datagram with these indices.
@@ -191,7 +161,7 @@ impl Indices {
     }
 }
 
-/// What a datagram's indices reveal about its sender.
+/// The conclusion from a datagram's indices about its sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Provenance {
     /// The sender is certainly the simulator.
@@ -248,11 +218,11 @@ impl Senders {
     }
 
     /// Records a coordinate of the aircraft that came with our index.
-    pub(super) fn place(&mut self, part: Value, value: f32, at: Instant) {
+    pub(super) fn place(&mut self, part: Reading, value: f32, at: Instant) {
         let part = match part {
-            Value::Latitude => 0,
-            Value::Longitude => 1,
-            Value::Elevation => 2,
+            Reading::Latitude => 0,
+            Reading::Longitude => 1,
+            Reading::Elevation => 2,
             _ => return,
         };
         self.place[part] = Some((at, value));
@@ -270,63 +240,40 @@ impl Senders {
     ) -> Sender {
         let contact = Contact { address: from, at };
         if self.proven.is_some_and(|proven| proven.address == from && !proven.is_silent(at)) {
-            self.trust(contact);
-            return Sender::Simulator;
+            return self.trust(contact);
         }
         let excess_m = self.excess_m(position, at, frame_period_s, time_rate);
         let agrees = excess_m.map(|excess_m| excess_m <= 0.0);
-        match self.trusted {
-            Some(trusted) if !trusted.is_silent(at) => match agrees {
-                _ if trusted.address != from => Sender::Foreign(excess_m),
-                Some(false) => Sender::Foreign(excess_m),
-                Some(true) | None => {
-                    self.trust(contact);
-                    Sender::Simulator
-                }
-            },
+        let is_trusted = self.trusted.is_some_and(|trusted| trusted.address == from);
+        let holds = self.trusted.is_some_and(|trusted| !trusted.is_silent(at));
+        match agrees {
+            _ if holds && !is_trusted => Sender::Foreign(excess_m),
+            Some(false) => Sender::Foreign(excess_m),
             // A simulator that was silent for a while need not compete with other senders again.
-            Some(trusted) if trusted.address == from && agrees == Some(true) => {
-                self.trust(contact);
-                Sender::Simulator
-            }
-            _ => match agrees {
-                Some(true) => self.run_trial(contact),
-                Some(false) => Sender::Foreign(excess_m),
-                None => Sender::Unproven,
-            },
+            Some(true) if is_trusted => self.trust(contact),
+            None if holds => self.trust(contact),
+            Some(true) => self.run_trial(contact),
+            None => Sender::Unproven,
         }
     }
 
-    fn trust(&mut self, contact: Contact) {
+    fn trust(&mut self, contact: Contact) -> Sender {
         (self.trusted, self.candidate) = (Some(contact), None);
+        Sender::Simulator
     }
 
     /// Handles a position that agrees with the values while no port is trusted.
     fn run_trial(&mut self, contact: Contact) -> Sender {
-        let (rival, since) = match self.candidate {
-            Some((last, since)) if last.is_silent(contact.at) => (None, since),
-            Some((last, since)) => (Some(last.address), since),
-            None => (None, contact.at),
+        let candidate = self.candidate.filter(|(last, _)| !last.is_silent(contact.at));
+        let (since, outcome) = match candidate {
+            // Two senders agree, so neither can be trusted: the trial starts anew.
+            Some((last, _)) if last.address != contact.address => (contact.at, Sender::Foreign(None)),
+            Some((_, since)) if contact.at.saturating_duration_since(since) >= TRIAL => return self.trust(contact),
+            Some((_, since)) => (since, Sender::Unproven),
+            None => (contact.at, Sender::Unproven),
         };
-        match rival {
-            Some(rival) if rival != contact.address => {
-                // Two senders agree, so neither can be trusted: the trial starts anew.
-                self.candidate = Some((contact, contact.at));
-                Sender::Foreign(None)
-            }
-            Some(_) if contact.at.saturating_duration_since(since) >= TRIAL => {
-                self.trust(contact);
-                Sender::Simulator
-            }
-            Some(_) => {
-                self.candidate = Some((contact, since));
-                Sender::Unproven
-            }
-            None => {
-                self.candidate = Some((contact, contact.at));
-                Sender::Unproven
-            }
-        }
+        self.candidate = Some((contact, since));
+        outcome
     }
 
     /// Distance of the position from the values' place beyond the tolerance, m; `None` without fresh values.

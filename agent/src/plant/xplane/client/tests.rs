@@ -19,7 +19,7 @@ struct Bench {
     simulator: Simulator,
     clients: Vec<Client>,
     now: Instant,
-    /// What each client commands in every frame, if anything.
+    /// The command of each client in every frame, if it has one.
     commands: Vec<Option<f64>>,
 }
 

@@ -25,7 +25,7 @@ const LOAD_PERIOD: Duration = Duration::from_secs(1);
 
 /// One of the simulator's other aircraft.
 #[derive(Clone, Copy, Debug, Default)]
-struct Aircraft {
+struct ShownAircraft {
     /// The peer that it shows.
     peer: Option<VehicleId>,
     /// Whether its file has been loaded.
@@ -36,14 +36,14 @@ struct Aircraft {
 
 /// The simulator's other aircraft that show peers; the first is number 1.
 #[derive(Debug, Default)]
-pub(super) struct Traffic {
-    aircraft: Vec<Aircraft>,
+pub(super) struct PeerTraffic {
+    aircraft: Vec<ShownAircraft>,
     /// Path of the file that is loaded for each.
     acf: Option<String>,
     last_load: Option<Instant>,
 }
 
-impl Traffic {
+impl PeerTraffic {
     /// Shows up to this number of peers, with this aircraft file if there is one.
     ///
     /// # Errors
@@ -52,7 +52,7 @@ impl Traffic {
         if let Some(path) = acf {
             Load { aircraft: 1, path, livery: 0 }.encode(&mut Vec::new())?;
         }
-        let aircraft = vec![Aircraft::default(); most.min(AIRCRAFT)];
+        let aircraft = vec![ShownAircraft::default(); most.min(AIRCRAFT)];
         Ok(Self { aircraft, acf: acf.map(str::to_owned), last_load: None })
     }
 
@@ -108,7 +108,7 @@ impl Traffic {
         waiting.sort_unstable_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.id.cmp(&b.id)));
         for peer in waiting {
             // A free aircraft counts as one that shows a peer at an infinite distance.
-            let shown_m = |aircraft: &Aircraft| aircraft.peer.and_then(distance_m).unwrap_or(f64::INFINITY);
+            let shown_m = |aircraft: &ShownAircraft| aircraft.peer.and_then(distance_m).unwrap_or(f64::INFINITY);
             let farthest = self.aircraft.iter_mut().rev().max_by(|a, b| shown_m(a).total_cmp(&shown_m(b)));
             match farthest {
                 Some(farthest) if peer.distance_m < CLEARLY_NEARER * shown_m(farthest) => {
@@ -120,7 +120,7 @@ impl Traffic {
     }
 }
 
-fn give_back(number: u8, aircraft: &Aircraft, out: &mut Vec<u8>, send: Send<'_>) {
+fn give_back(number: u8, aircraft: &ShownAircraft, out: &mut Vec<u8>, send: Send<'_>) {
     let path = format!("sim/operation/override/override_planepath[{number}]");
     if aircraft.is_taken && (Write { value: 0.0, path: &path }).encode(out).is_ok() {
         send(out);
@@ -145,12 +145,12 @@ mod tests {
         distances_m.iter().map(pose).collect()
     }
 
-    fn shown(traffic: &Traffic) -> Vec<u8> {
+    fn shown(traffic: &PeerTraffic) -> Vec<u8> {
         traffic.aircraft.iter().map(|aircraft| aircraft.peer.map_or(0, |id| id.get())).collect()
     }
 
     /// The datagrams of one frame.
-    fn frame(traffic: &mut Traffic, distances_m: &[(u8, f64)], now: Instant) -> Vec<Vec<u8>> {
+    fn frame(traffic: &mut PeerTraffic, distances_m: &[(u8, f64)], now: Instant) -> Vec<Vec<u8>> {
         let mut sent = Vec::new();
         traffic.show(&peers(distances_m), now, &mut Vec::new(), &mut |datagram| sent.push(datagram.to_vec()));
         sent
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn the_nearest_peers_are_shown_and_each_keeps_its_aircraft() {
-        let mut traffic = Traffic::new(2, None).unwrap();
+        let mut traffic = PeerTraffic::new(2, None).unwrap();
         let mut at = |distances_m: &[(u8, f64)]| {
             traffic.assign(&peers(distances_m));
             shown(&traffic)
@@ -171,12 +171,12 @@ mod tests {
         assert_eq!(at(&[(2, 45.0), (3, 40.0), (7, 44.0)]), [2, 3], "and not replaced at once");
         assert_eq!(at(&[(3, 40.0), (7, 44.0)]), [7, 3], "vehicle 2 has left");
         assert_eq!(at(&[(7, 44.0)]), [7, 0]);
-        assert_eq!(shown(&Traffic::new(40, None).unwrap()).len(), 19);
+        assert_eq!(shown(&PeerTraffic::new(40, None).unwrap()).len(), 19);
     }
 
     #[test]
     fn an_aircraft_that_shows_no_peer_any_more_is_given_back_once() {
-        let mut traffic = Traffic::new(3, None).unwrap();
+        let mut traffic = PeerTraffic::new(3, None).unwrap();
         let sent = frame(&mut traffic, &[(4, 10.0), (5, 20.0)], now());
         let moved: Vec<_> = sent.iter().map(|datagram| Move::decode(datagram).unwrap().aircraft).collect();
         assert_eq!(moved, [1, 2]);
@@ -193,9 +193,9 @@ mod tests {
 
     #[test]
     fn one_aircraft_file_a_second_is_loaded_and_again_after_a_restart() {
-        let mut traffic = Traffic::new(2, Some("Aircraft/heli.acf")).unwrap();
+        let mut traffic = PeerTraffic::new(2, Some("Aircraft/heli.acf")).unwrap();
         let begin = now();
-        let loads = |traffic: &mut Traffic, after_s: f64| {
+        let loads = |traffic: &mut PeerTraffic, after_s: f64| {
             let sent = frame(traffic, &[(4, 10.0), (5, 20.0)], begin + Duration::from_secs_f64(after_s));
             let loads = sent.iter().filter(|datagram| datagram.starts_with(&ACFN)).count();
             (loads, sent.len() - loads)
@@ -206,6 +206,6 @@ mod tests {
         assert_eq!(loads(&mut traffic, 2.0), (0, 2));
         traffic.simulator_restarted();
         assert_eq!(loads(&mut traffic, 3.0), (1, 1));
-        assert!(Traffic::new(2, Some(&"a".repeat(150))).is_err());
+        assert!(PeerTraffic::new(2, Some(&"a".repeat(150))).is_err());
     }
 }

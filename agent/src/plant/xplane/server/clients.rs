@@ -50,7 +50,7 @@ pub(super) struct Subscription {
 }
 
 /// A client, identified by its address and port.
-pub(super) struct Client {
+pub(super) struct Subscriber {
     pub(super) address: SocketAddr,
     pub(super) position: Option<Schedule>,
     pub(super) values: Vec<Subscription>,
@@ -60,7 +60,7 @@ pub(super) struct Client {
 
 /// All clients.
 pub(super) struct Clients {
-    pub(super) all: Vec<Client>,
+    pub(super) all: Vec<Subscriber>,
     frame_rate_hz: u32,
     /// Number of frames after which a silent client may be replaced.
     silence: u64,
@@ -79,12 +79,11 @@ impl Clients {
     }
 
     pub(super) fn subscribe_position(&mut self, address: SocketAddr, rate_hz: u32, frame: u64) {
-        let schedule = Schedule::new(rate_hz, self.frame_rate_hz);
+        let frame_rate_hz = self.frame_rate_hz;
         if rate_hz == 0 {
             self.change(address, |client| client.position = None);
         } else if let Some(client) = self.client(address, frame) {
-            let is_same = client.position.is_some_and(|position| position.rate_hz == schedule.rate_hz);
-            client.position = if is_same { client.position } else { Some(schedule) };
+            client.position.get_or_insert_default().set_rate(rate_hz, frame_rate_hz);
         }
     }
 
@@ -97,15 +96,13 @@ impl Clients {
         rate_hz: u32,
         frame: u64,
     ) {
-        let schedule = Schedule::new(rate_hz, self.frame_rate_hz);
+        let frame_rate_hz = self.frame_rate_hz;
         let Some(client) = self.client(address, frame) else { return };
         if let Some(value) = client.values.iter_mut().find(|value| value.index == index) {
-            // A request with the same rate keeps its phase.
-            let is_same = value.schedule.rate_hz == schedule.rate_hz;
-            let schedule = if is_same { value.schedule } else { schedule };
-            *value = Subscription { index, handle, schedule };
+            value.handle = handle;
+            value.schedule.set_rate(rate_hz, frame_rate_hz);
         } else if client.values.len() < MAX_SUBSCRIPTIONS {
-            client.values.push(Subscription { index, handle, schedule });
+            client.values.push(Subscription { index, handle, schedule: Schedule::new(rate_hz, frame_rate_hz) });
         }
     }
 
@@ -118,7 +115,7 @@ impl Clients {
     }
 
     /// Changes a client, if it exists; a client without subscriptions is removed.
-    fn change(&mut self, address: SocketAddr, change: impl FnOnce(&mut Client)) {
+    fn change(&mut self, address: SocketAddr, change: impl FnOnce(&mut Subscriber)) {
         if let Some(client) = self.all.iter_mut().find(|client| client.address == address) {
             change(client);
         }
@@ -127,11 +124,11 @@ impl Clients {
 
     /// The client with this address, a new one if needed. X-Plane keeps sending to clients that have gone, and so does
     /// this server; but when the table is full, a new client replaces one that has been silent for long.
-    fn client(&mut self, address: SocketAddr, frame: u64) -> Option<&mut Client> {
+    fn client(&mut self, address: SocketAddr, frame: u64) -> Option<&mut Subscriber> {
         if let Some(at) = self.all.iter().position(|client| client.address == address) {
             return self.all.get_mut(at);
         }
-        let is_same_host = |client: &Client| client.address.ip() == address.ip();
+        let is_same_host = |client: &Subscriber| client.address.ip() == address.ip();
         let is_host_full = self.all.iter().filter(|client| is_same_host(client)).count() >= MAX_CLIENTS_OF_ONE_HOST;
         if is_host_full || self.all.len() >= MAX_CLIENTS {
             // A computer that has all of its places can replace only clients of its own.
@@ -141,7 +138,7 @@ impl Clients {
                 .filter(|(_, client)| client.last_received + self.silence < frame)?;
             self.all.swap_remove(at);
         }
-        self.all.push(Client { address, position: None, values: Vec::new(), last_received: frame });
+        self.all.push(Subscriber { address, position: None, values: Vec::new(), last_received: frame });
         self.all.last_mut()
     }
 }

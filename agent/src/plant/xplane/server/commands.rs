@@ -1,6 +1,6 @@
 //! The commands that do something here.
 
-/// What a command does.
+/// The effect of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     /// Pauses a running simulation, resumes a paused one.
@@ -18,9 +18,9 @@ pub enum Action {
 pub struct CommandEntry {
     /// Its name.
     pub path: &'static str,
-    /// What X-Plane shows about it.
+    /// The description that X-Plane shows.
     pub description: &'static str,
-    /// What it does.
+    /// Its effect.
     pub action: Action,
 }
 

@@ -49,7 +49,7 @@ pub(super) struct Situation {
 /// Poses of the other aircraft, the first of which is number 1.
 pub(super) type Others = [Option<Move>; AIRCRAFT - 1];
 
-/// What flying does not change: the aircraft's file and the weather.
+/// The surroundings, which flying does not change: the aircraft's file and the weather.
 #[derive(Clone, Debug)]
 pub struct Surroundings {
     /// Path of the aircraft's file, relative to X-Plane's folder.
@@ -212,32 +212,24 @@ impl Dataref {
     }
 }
 
-const fn scalar(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::One, value_type: ValueType::Float, source }
+/// Functions that make a dataref of one type and length.
+macro_rules! kinds {
+    ($($kind:ident: $value_type:ident, $length:ident;)*) => {
+        $(const fn $kind(path: &'static str, source: Source) -> Dataref {
+            Dataref { path, length: Length::$length, value_type: ValueType::$value_type, source }
+        })*
+    };
 }
 
-const fn double(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::One, value_type: ValueType::Double, source }
-}
-
-const fn int(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::One, value_type: ValueType::Int, source }
-}
-
-const fn per_engine(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::Engines, value_type: ValueType::FloatArray, source }
-}
-
-const fn int_per_engine(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::Engines, value_type: ValueType::IntArray, source }
-}
-
-const fn layers(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::Layers, value_type: ValueType::FloatArray, source }
-}
-
-const fn axes(path: &'static str, source: Source) -> Dataref {
-    Dataref { path, length: Length::Axes, value_type: ValueType::FloatArray, source }
+kinds! {
+    scalar: Float, One;
+    double: Double, One;
+    int: Int, One;
+    per_engine: FloatArray, Engines;
+    int_per_engine: IntArray, Engines;
+    per_aircraft: IntArray, Aircraft;
+    layers: FloatArray, Layers;
+    axes: FloatArray, Axes;
 }
 
 const fn text(path: &'static str, read: fn(&Situation) -> &str) -> Dataref {
@@ -398,12 +390,7 @@ static DATAREFS: &[Dataref] = &{
         per_engine("sim/cockpit2/engine/actuators/throttle_ratio", Kept(Throttle)),
         int_per_engine("sim/cockpit2/engine/actuators/governor_on", Kept(Governor)),
         // The other aircraft: 1 while clients move one.
-        Dataref {
-            path: "sim/operation/override/override_planepath",
-            length: Length::Aircraft,
-            value_type: ValueType::IntArray,
-            source: Kept(OverridePlanePath),
-        },
+        per_aircraft("sim/operation/override/override_planepath", Kept(OverridePlanePath)),
     ] 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 }
 };
 

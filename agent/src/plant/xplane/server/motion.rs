@@ -1,4 +1,4 @@
-//! What an accelerometer in the aircraft measures, from the velocities of two frames.
+//! The reading of an accelerometer in the aircraft, from the velocities of two frames.
 
 use nalgebra::{Rotation3, Vector3};
 use skein_common::frame::{Attitude, VelocityNed};

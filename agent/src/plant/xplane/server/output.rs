@@ -19,7 +19,7 @@ const MILES_PER_HOUR_PER_KNOT: f64 = 1852.0 / 1609.344;
 /// Speed of sound in the standard atmosphere at sea level, m/s.
 const SOUND_M_S: f64 = 340.294;
 
-/// Which rows are sent, and where. X-Plane has one receiver for all programs.
+/// The rows that are sent, and their receiver. X-Plane has one receiver for all programs.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
     selected: BTreeSet<i32>,

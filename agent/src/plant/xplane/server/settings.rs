@@ -15,104 +15,92 @@ const SECONDS_OF_A_DAY: f32 = 86_400.0;
 pub(super) const NOON_S: f32 = SECONDS_OF_A_DAY / 2.0;
 const MIDSUMMER: f32 = 171.0;
 
-/// A dataref that can be written and keeps its value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Setting {
-    OverrideJoystick,
-    OverrideRoll,
-    OverridePitch,
-    OverrideYaw,
-    OverridePlanePath,
-    Roll,
-    Pitch,
-    Yaw,
-    Collective,
-    Stick,
-    Throttle,
-    Governor,
-    DataRate,
-    RandomFailures,
-    Speed,
-    LocalTime,
-    LocalDate,
-    Payload,
-    Fuel,
-    DropShare,
-    Freeze,
-    Restart,
-    LoadTime,
-    Replay,
-    Crash,
-    MoveOrigin,
-    ChangeMode,
-    UpdateImmediately,
-    Variability,
-    LayerAltitude,
-    LayerSpeed,
-    LayerFrom,
-    LayerTurbulence,
-    LayerShear,
-    RealWeather,
-    LayerAltitude11,
-    LayerSpeed11,
-    LayerFrom11,
-    LayerTurbulence11,
-    LayerShear11,
+/// A function that limits a number to this range.
+macro_rules! within {
+    ($least:expr, $most:expr) => {
+        |value| value.clamp($least, $most)
+    };
 }
 
-impl Setting {
-    const COUNT: usize = Self::LayerShear11 as usize + 1;
+/// True, 1, of any number but 0.
+const IS_TRUE: fn(f32) -> f32 = |value| f32::from(value != 0.0);
 
-    /// The number that X-Plane stores when this one is written.
-    fn stored_value(self, value: f32) -> f32 {
-        match self {
-            // These are integers, so the fraction is cut off.
-            Self::OverrideJoystick
-            | Self::OverrideRoll
-            | Self::OverridePitch
-            | Self::OverrideYaw
-            | Self::OverridePlanePath
-            | Self::Governor
-            | Self::RandomFailures => value.trunc(),
-            Self::Roll | Self::Pitch | Self::Yaw | Self::Stick => value.clamp(-1.0, 1.0),
-            Self::Collective | Self::Throttle => value.clamp(0.0, 1.0),
-            Self::DataRate => value.trunc().clamp(1.0, 99.0),
-            Self::Speed => value.clamp(0.05, 16.0),
-            Self::LocalTime => value.clamp(0.0, SECONDS_OF_A_DAY),
-            Self::LocalDate => value.trunc().clamp(0.0, 365.0),
-            Self::Payload | Self::Fuel => value.clamp(0.0, 1e6),
-            // An order to lose no more datagrams must arrive.
-            Self::DropShare => value.clamp(0.0, 0.95),
-            Self::Freeze | Self::Restart | Self::LoadTime => value.clamp(0.0, 60.0),
-            Self::Replay | Self::Crash | Self::MoveOrigin => f32::from(value != 0.0),
-            Self::UpdateImmediately | Self::RealWeather => f32::from(value != 0.0),
-            Self::ChangeMode => value.trunc().clamp(0.0, 7.0),
-            Self::Variability => value.clamp(0.0, 1.0),
-            Self::LayerAltitude | Self::LayerAltitude11 => value.clamp(-500.0, 60_000.0),
-            Self::LayerSpeed | Self::LayerShear => value.clamp(0.0, 100.0),
-            Self::LayerSpeed11 | Self::LayerShear11 => value.clamp(0.0, 200.0),
-            Self::LayerFrom | Self::LayerFrom11 => value.rem_euclid(360.0),
-            Self::LayerTurbulence | Self::LayerTurbulence11 => value.clamp(0.0, 10.0),
+macro_rules! settings {
+    ($($setting:ident: $initial:expr, $stored:expr;)*) => {
+        /// A dataref that can be written and keeps its value.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum Setting {
+            $($setting,)*
         }
-    }
+
+        /// The values of all settings at the start: a helicopter with a running engine, the collective down and free controls.
+        const INITIAL: &[f32] = &[$($initial,)*];
+
+        impl Setting {
+            /// The number that X-Plane stores when this one is written.
+            fn stored_value(self, value: f32) -> f32 {
+                let stored: fn(f32) -> f32 = match self {
+                    $(Self::$setting => $stored,)*
+                };
+                stored(value)
+            }
+        }
+    };
+}
+
+// Each setting with its value at the start, and with what is stored of a number that is written.
+settings! {
+    OverrideJoystick: 0.0, f32::trunc;
+    OverrideRoll: 0.0, f32::trunc;
+    OverridePitch: 0.0, f32::trunc;
+    OverrideYaw: 0.0, f32::trunc;
+    OverridePlanePath: 0.0, f32::trunc;
+    Roll: 0.0, within!(-1.0, 1.0);
+    Pitch: 0.0, within!(-1.0, 1.0);
+    Yaw: 0.0, within!(-1.0, 1.0);
+    Collective: 0.0, within!(0.0, 1.0);
+    Stick: 0.0, within!(-1.0, 1.0);
+    Throttle: 1.0, within!(0.0, 1.0);
+    Governor: 1.0, f32::trunc;
+    DataRate: 20.0, |value| value.trunc().clamp(1.0, 99.0);
+    RandomFailures: 0.0, f32::trunc;
+    Speed: 1.0, within!(0.05, 16.0);
+    LocalTime: NOON_S, within!(0.0, SECONDS_OF_A_DAY);
+    LocalDate: MIDSUMMER, |value| value.trunc().clamp(0.0, 365.0);
+    Payload: 0.0, within!(0.0, 1e6);
+    Fuel: 0.0, within!(0.0, 1e6);
+    // An order to lose no more datagrams must arrive.
+    DropShare: 0.0, within!(0.0, 0.95);
+    Freeze: 0.0, within!(0.0, 60.0);
+    Restart: 0.0, within!(0.0, 60.0);
+    LoadTime: LOADS_FOR_S, within!(0.0, 60.0);
+    Replay: 0.0, IS_TRUE;
+    Crash: 0.0, IS_TRUE;
+    MoveOrigin: 0.0, IS_TRUE;
+    ChangeMode: 0.0, |value| value.trunc().clamp(0.0, 7.0);
+    UpdateImmediately: 0.0, IS_TRUE;
+    Variability: 0.0, within!(0.0, 1.0);
+    LayerAltitude: 0.0, within!(-500.0, 60_000.0);
+    LayerSpeed: 0.0, within!(0.0, 100.0);
+    LayerFrom: 0.0, |value| value.rem_euclid(360.0);
+    LayerTurbulence: 0.0, within!(0.0, 10.0);
+    LayerShear: 0.0, within!(0.0, 100.0);
+    RealWeather: 0.0, IS_TRUE;
+    LayerAltitude11: 0.0, within!(-500.0, 60_000.0);
+    LayerSpeed11: 0.0, within!(0.0, 200.0);
+    LayerFrom11: 0.0, |value| value.rem_euclid(360.0);
+    LayerTurbulence11: 0.0, within!(0.0, 10.0);
+    LayerShear11: 0.0, within!(0.0, 200.0);
 }
 
 /// Values of all settings, element by element.
 #[derive(Clone, Debug)]
-pub(super) struct Settings([[f32; ELEMENTS]; Setting::COUNT]);
+pub(super) struct Settings([[f32; ELEMENTS]; INITIAL.len()]);
 
 impl Settings {
-    /// A helicopter with a running engine, the collective down and free controls.
+    /// The settings at the start.
     pub(super) fn new() -> Self {
-        let mut settings = Self([[0.0; ELEMENTS]; Setting::COUNT]);
-        settings.0[Setting::Throttle as usize] = [1.0; ELEMENTS];
-        settings.0[Setting::Governor as usize] = [1.0; ELEMENTS];
-        settings.0[Setting::DataRate as usize] = [20.0; ELEMENTS];
-        settings.0[Setting::Speed as usize] = [1.0; ELEMENTS];
-        settings.0[Setting::LocalTime as usize] = [NOON_S; ELEMENTS];
-        settings.0[Setting::LocalDate as usize] = [MIDSUMMER; ELEMENTS];
-        settings.0[Setting::LoadTime as usize] = [LOADS_FOR_S; ELEMENTS];
-        settings
+        Self(std::array::from_fn(|setting| [INITIAL[setting]; ELEMENTS]))
     }
 
     /// Takes these settings over from another state, all elements.

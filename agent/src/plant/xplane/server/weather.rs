@@ -25,21 +25,7 @@ const SETTINGS_11: &[Setting] = &[
     Setting::RealWeather,
 ];
 /// Settings that are weather.
-pub(super) const SETTINGS: &[Setting] = &[
-    Setting::ChangeMode,
-    Setting::Variability,
-    Setting::LayerAltitude,
-    Setting::LayerSpeed,
-    Setting::LayerFrom,
-    Setting::LayerTurbulence,
-    Setting::LayerShear,
-    Setting::RealWeather,
-    Setting::LayerAltitude11,
-    Setting::LayerSpeed11,
-    Setting::LayerFrom11,
-    Setting::LayerTurbulence11,
-    Setting::LayerShear11,
-];
+pub(super) const SETTINGS: [&[Setting]; 3] = [&[Setting::ChangeMode, Setting::Variability], SETTINGS_12, SETTINGS_11];
 
 /// The settings of a simulator that has just started in this weather.
 pub(super) fn settings(weather: &Weather) -> Settings {

@@ -1,4 +1,10 @@
-//! What X-Plane 12's Web API does with the simulator: the HTTP server hands each task over to the frame loop.
+//! Carries out the tasks of X-Plane 12's Web API, which the HTTP server hands over to the frame loop.
+
+use std::collections::BTreeSet;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::Value as Json;
 
 use super::datarefs::{Dataref, Handle, ValueType};
 use super::settings::Setting;
@@ -6,16 +12,8 @@ use super::{Action, Order, Server};
 use crate::plant::xplane::wire::prel::Placement;
 use skein_core::helicopter::Weather;
 
-/// Value of a dataref as the Web API shows it.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Value {
-    /// A number.
-    Number(f64),
-    /// All elements of an array.
-    Numbers(Vec<f64>),
-    /// Bytes.
-    Bytes(Vec<u8>),
-}
+/// The elements wanted of a dataref; `None` is the whole value.
+pub type Elements = Option<BTreeSet<usize>>;
 
 /// A new flight, or a change of the current one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -34,11 +32,11 @@ pub struct Flight {
     pub fuel_kg: Option<f64>,
 }
 
-/// What a client of the Web API asks of the simulator. Datarefs are the positions in [`Dataref::all`].
+/// A request of a client of the Web API to the simulator. Datarefs are the positions in [`Dataref::all`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Task {
-    /// Read these datarefs.
-    Read(Vec<usize>),
+    /// Read these datarefs, or elements of them.
+    Read(Vec<(usize, Elements)>),
     /// Write elements of datarefs: dataref, element, value.
     Write(Vec<(usize, usize, f64)>),
     /// Run a command.
@@ -50,10 +48,10 @@ pub enum Task {
 impl Server {
     /// Carries a task out: the values read, and what the caller has to do with the aircraft. `None` before the first
     /// frame, and for a dataref that does not exist.
-    pub fn serve(&mut self, task: &Task) -> Option<(Vec<Value>, Vec<Order>)> {
+    pub fn serve(&mut self, task: &Task) -> Option<(Vec<Json>, Vec<Order>)> {
         match task {
             Task::Read(datarefs) => {
-                let values = datarefs.iter().map(|&dataref| self.value(Dataref::all().get(dataref)?));
+                let values = datarefs.iter().map(|(dataref, wanted)| self.value(Dataref::all().get(*dataref)?, wanted));
                 Some((values.collect::<Option<_>>()?, Vec::new()))
             }
             Task::Write(writes) => {
@@ -101,17 +99,27 @@ impl Server {
         dataref.elements(self.version.engines())
     }
 
-    fn value(&self, dataref: &'static Dataref) -> Option<Value> {
-        let situation = self.situation.as_ref()?;
-        let read = |element| Handle::of(dataref, element).read(situation, &self.settings);
-        let elements = 0..dataref.elements(self.version.engines());
-        Some(match dataref.value_type() {
-            ValueType::Double => Value::Number(read(0)),
-            ValueType::Float => Value::Number((read(0) as f32).into()),
-            ValueType::Int => Value::Number(read(0).trunc()),
-            ValueType::FloatArray => Value::Numbers(elements.map(|element| (read(element) as f32).into()).collect()),
-            ValueType::IntArray => Value::Numbers(elements.map(|element| read(element).trunc()).collect()),
-            ValueType::Data => Value::Bytes(elements.map(|element| read(element) as u8).collect()),
+    /// The value of a dataref as the Web API shows it: numbers, arrays, and bytes in base64. Of wanted elements it is an array.
+    fn value(&self, dataref: &'static Dataref, wanted: &Elements) -> Option<Json> {
+        let (situation, value_type) = (self.situation.as_ref()?, dataref.value_type());
+        let element = |at| {
+            let value = Handle::of(dataref, at).read(situation, &self.settings);
+            match value_type {
+                ValueType::Double => Json::from(value),
+                ValueType::Float | ValueType::FloatArray => f64::from(value as f32).into(),
+                ValueType::Int | ValueType::IntArray => (value as i64).into(),
+                ValueType::Data => (value as u8).into(),
+            }
+        };
+        let all = 0..dataref.elements(self.version.engines());
+        Some(match (wanted, value_type) {
+            (Some(wanted), _) => wanted.iter().copied().map(element).collect(),
+            (None, ValueType::Double | ValueType::Float | ValueType::Int) => element(0),
+            (None, ValueType::FloatArray | ValueType::IntArray) => all.map(element).collect(),
+            (None, ValueType::Data) => {
+                let byte = |at| Handle::of(dataref, at).read(situation, &self.settings) as u8;
+                STANDARD.encode(all.map(byte).collect::<Vec<_>>()).into()
+            }
         })
     }
 }

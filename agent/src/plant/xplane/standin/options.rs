@@ -229,14 +229,14 @@ pub(super) fn weather(options: &StandinOptions) -> Result<Weather, StandinError>
 
 pub(super) fn parameters(options: &StandinOptions) -> Result<Parameters, StandinError> {
     #[derive(Deserialize)]
-    struct Aircraft {
+    struct AircraftFile {
         helicopter: Parameters,
     }
     let text = match &options.aircraft {
         Some(path) => &fs::read_to_string(path).map_err(|source| StandinError::Read { path: path.clone(), source })?,
         None => XCELL60,
     };
-    let Aircraft { helicopter } = toml::from_str(text).map_err(StandinError::Aircraft)?;
+    let AircraftFile { helicopter } = toml::from_str(text).map_err(StandinError::Aircraft)?;
     helicopter.check().map_err(StandinError::Parameters)?;
     Ok(helicopter)
 }

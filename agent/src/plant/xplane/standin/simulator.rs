@@ -7,21 +7,12 @@ use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wr
 
 use super::aircraft::Aircraft;
 use super::options::{StandinError, StandinOptions, check_frames, parameters, start, weather};
-use crate::plant::xplane::server::{Order, Server, Surroundings, Task, Value};
+use crate::plant::xplane::server::{Order, Server, Surroundings, Task};
 use crate::plant::xplane::wire::aircraft::{Move, Physics};
 use crate::plant::xplane::wire::prel::Placement;
 use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
 use skein_core::plant::{Frame, GroundTruth, Measurement};
 use skein_core::random::{Purpose, generator, uniform};
-
-/// A time without frames, s.
-#[derive(Clone, Copy)]
-enum Absence {
-    /// It hangs: datagrams wait in the queue.
-    Frozen(f64),
-    /// It has ended: datagrams are lost, and it starts anew afterwards.
-    Gone(f64),
-}
 
 /// Whether a simulator runs its frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,7 +21,7 @@ pub enum RunState {
     Running,
     /// It hangs: datagrams wait.
     Frozen,
-    /// It has ended: datagrams are lost.
+    /// It has ended: datagrams are lost, and it starts anew afterwards.
     Gone,
 }
 
@@ -47,8 +38,8 @@ pub struct Simulator {
     random: ChaCha8Rng,
     /// The pose in which a client holds it, and since when, s.
     held: Option<(Move, f64)>,
-    /// What it does instead of frames, if anything.
-    absence: Option<Absence>,
+    /// Whether it runs its frames, and the time for which it still does not, s.
+    state: (RunState, f64),
     starts: u64,
 }
 
@@ -67,7 +58,7 @@ impl Simulator {
             server: server(options, &weather),
             random: generator(options.seed, Some(options.id), Purpose::Simulator),
             held: None,
-            absence: None,
+            state: (RunState::Running, 0.0),
             starts: 1,
             options: options.clone(),
             parameters,
@@ -121,22 +112,10 @@ impl Simulator {
     pub fn begin_frame(&mut self) -> (f64, RunState) {
         let deviation = self.options.jitter * (2.0 * uniform(&mut self.random) - 1.0);
         let frame_s = (1.0 + deviation) / f64::from(self.options.rate);
-        (frame_s, self.state(frame_s))
-    }
-
-    /// Whether this frame takes place; ends an absence that is over.
-    fn state(&mut self, frame_s: f64) -> RunState {
-        let (presence, left_s) = match self.absence {
-            None => return RunState::Running,
-            Some(Absence::Frozen(left_s)) => (RunState::Frozen, left_s - frame_s),
-            Some(Absence::Gone(left_s)) => (RunState::Gone, left_s - frame_s),
-        };
-        self.absence = match presence {
-            _ if left_s <= 0.0 => None,
-            RunState::Gone => Some(Absence::Gone(left_s)),
-            _ => Some(Absence::Frozen(left_s)),
-        };
-        presence
+        let (state, left_s) = self.state;
+        let is_over = state == RunState::Running || left_s <= frame_s;
+        self.state = if is_over { (RunState::Running, 0.0) } else { (state, left_s - frame_s) };
+        (frame_s, state)
     }
 
     /// Processes a datagram; returns whether the simulator can take another one in this frame.
@@ -149,7 +128,7 @@ impl Simulator {
     }
 
     /// Carries a task of the Web API out; the values read. `None` before the first frame.
-    pub fn serve(&mut self, task: &Task) -> Option<Vec<Value>> {
+    pub fn serve(&mut self, task: &Task) -> Option<Vec<serde_json::Value>> {
         let (values, orders) = self.server.serve(task)?;
         for order in orders {
             self.obey(Some(order));
@@ -171,12 +150,12 @@ impl Simulator {
             }
             Some(Order::Move(moved)) => self.put_down(&moved),
             Some(Order::Reset) => self.reset(),
-            Some(Order::Freeze(seconds)) => self.absence = Some(Absence::Frozen(seconds.into())),
+            Some(Order::Freeze(seconds)) => self.state = (RunState::Frozen, seconds.into()),
             Some(Order::Restart(seconds)) => {
                 self.starts += 1;
                 self.server = server(&self.options, &self.weather);
                 self.reset();
-                self.absence = Some(Absence::Gone(seconds.into()));
+                self.state = (RunState::Gone, seconds.into());
                 return false;
             }
             None => {}

@@ -9,7 +9,6 @@
 
 mod active;
 mod flight;
-mod ids;
 mod rest;
 mod socket;
 mod values;
@@ -18,7 +17,6 @@ use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
@@ -27,10 +25,11 @@ use axum::response::{IntoResponse, Response};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use serde_json::json;
+use parking_lot::Mutex;
+use serde_json::{Value as Json, json};
 use tokio::sync::{Semaphore, mpsc, oneshot};
 
-use crate::plant::xplane::server::{Task, Value};
+use crate::plant::xplane::server::{COMMANDS, Dataref, Task};
 use active::Active;
 
 /// Largest number of connections, and of WebSockets beside them.
@@ -47,11 +46,11 @@ pub(super) const MAX_BODY: usize = 256 * 1024;
 /// A task and where its result goes.
 struct Request {
     task: Task,
-    reply: oneshot::Sender<Vec<Value>>,
+    reply: oneshot::Sender<Vec<Json>>,
 }
 
-/// What the threads share.
-pub(super) struct Shared {
+/// State that the threads share.
+pub(super) struct WebState {
     tasks: mpsc::Sender<Request>,
     /// Added to the position of a dataref to make its number; differs from start to start.
     first_id: AtomicU64,
@@ -92,9 +91,9 @@ impl IntoResponse for Fault {
     }
 }
 
-impl Shared {
+impl WebState {
     /// Has the frame loop carry out a task.
-    async fn run(&self, task: Task) -> Result<Vec<Value>, Fault> {
+    async fn run(&self, task: Task) -> Result<Vec<Json>, Fault> {
         let busy = |what| Fault::new(StatusCode::SERVICE_UNAVAILABLE, "not_running", what);
         let (reply, result) = oneshot::channel();
         self.tasks
@@ -117,10 +116,22 @@ impl Shared {
         self.first_id() % 9000 + 1 + at as u64
     }
 
-    /// What a command's state is about: never left half-changed by a panic, as every change is one operation.
-    fn active(&self) -> std::sync::MutexGuard<'_, Active> {
-        self.active.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    /// The dataref with this number, and its position in the table.
+    fn dataref(&self, id: &str) -> Result<(usize, &'static Dataref), Fault> {
+        let at = nth(id, self.dataref_id(0)).and_then(|at| Some((at, Dataref::all().get(at)?)));
+        at.ok_or_else(|| Fault::missing("invalid_dataref_id", format!("Dataref {id} doesn't exist")))
     }
+
+    /// The position of the command with this number in the table.
+    fn command(&self, id: &str) -> Result<usize, Fault> {
+        let at = nth(id, self.command_id(0)).filter(|&at| at < COMMANDS.len());
+        at.ok_or_else(|| Fault::missing("invalid_command_id", format!("Command {id} doesn't exist")))
+    }
+}
+
+/// Position of what has this number, where the first thing has the number `first`.
+fn nth(id: &str, first: u64) -> Option<usize> {
+    usize::try_from(id.parse::<u64>().ok()?.checked_sub(first)?).ok()
 }
 
 /// First number of the datarefs of one start of the simulator: no client can guess it.
@@ -130,7 +141,7 @@ fn first_id(start: u64) -> u64 {
 
 /// The frame loop's end.
 pub(super) struct Web {
-    shared: Arc<Shared>,
+    shared: Arc<WebState>,
     tasks: mpsc::Receiver<Request>,
     starts: u64,
     address: SocketAddr,
@@ -143,7 +154,7 @@ impl Web {
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
         let (sender, tasks) = mpsc::channel(MAX_TASKS);
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(WebState {
             tasks: sender,
             first_id: AtomicU64::new(first_id(1)),
             acf: acf.to_owned(),
@@ -164,7 +175,7 @@ impl Web {
     }
 
     /// Carries out what waits; `serve` is the simulator.
-    pub(super) fn serve(&mut self, starts: u64, mut serve: impl FnMut(&Task) -> Option<Vec<Value>>) {
+    pub(super) fn serve(&mut self, starts: u64, mut serve: impl FnMut(&Task) -> Option<Vec<Json>>) {
         if starts != self.starts {
             self.starts = starts;
             self.shared.first_id.store(first_id(starts), Relaxed);
@@ -185,7 +196,7 @@ impl Web {
 }
 
 /// Serves connections; one beyond the largest number is closed at once.
-async fn accept(listener: TcpListener, shared: Arc<Shared>) {
+async fn accept(listener: TcpListener, shared: Arc<WebState>) {
     let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
     let slots = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     let router = rest::router(shared);

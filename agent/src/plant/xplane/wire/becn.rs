@@ -1,6 +1,6 @@
 //! BECN: the beacon by which X-Plane announces itself and its port, by multicast about once a second.
 
-use super::{Fields, Tag, WireError, begin, body};
+use super::{Fields, Packed, Tag, WireError, begin, body, put_text};
 
 /// Tag of the message.
 pub const TAG: Tag = *b"BECN";
@@ -35,6 +35,8 @@ pub struct Beacon {
 
 /// Number of bytes before the name.
 const FIXED: usize = 21;
+/// Longest name, bytes: a NUL follows it.
+const MAX_NAME: usize = 499;
 
 impl Beacon {
     /// Whether this X-Plane flies its own aircraft, unlike Plane Maker or an external visual.
@@ -49,11 +51,11 @@ impl Beacon {
     /// If the datagram is not a beacon of this major version.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
         let mut fields = Fields(body(datagram, &TAG)?);
-        let (major, minor) = (fields.u8()?, fields.u8()?);
+        let (major, minor) = (fields.next::<u8>()?, fields.next()?);
         if major != MAJOR {
             return Err(WireError::Incompatible);
         }
-        let (host_id, version, role, port) = (fields.i32()?, fields.i32()?, fields.u32()?, fields.u16()?);
+        let (host_id, version, role, port) = (fields.next()?, fields.next()?, fields.next()?, fields.next()?);
         let name = fields.text();
         let raknet_port = match datagram.last_chunk::<2>() {
             // Behind the NUL of the name: a beacon may end with its name.
@@ -70,21 +72,14 @@ impl Beacon {
     /// # Errors
     /// If the name is too long or contains a NUL.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
-        if self.name.contains('\0') {
-            return Err(WireError::NotText);
-        }
-        if self.name.len() >= 500 {
-            return Err(WireError::TooLong);
-        }
-        begin(out, &TAG, 0);
+        begin(out, &TAG);
         out.extend([MAJOR, self.minor]);
-        out.extend(self.host_id.to_le_bytes());
-        out.extend(self.version.to_le_bytes());
-        out.extend(self.role.to_le_bytes());
-        out.extend(self.port.to_le_bytes());
-        out.extend_from_slice(self.name.as_bytes());
-        out.push(0);
-        out.extend(self.raknet_port.map(u16::to_le_bytes).into_iter().flatten());
+        self.host_id.write(out);
+        self.version.write(out);
+        self.role.write(out);
+        self.port.write(out);
+        put_text(out, &self.name, MAX_NAME, self.name.len() + 1)?;
+        self.raknet_port.iter().for_each(|port| port.write(out));
         Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! DREF: writes a dataref. X-Plane sends no reply and ignores an unknown or read-only dataref.
 
-use super::{Tag, WireError, begin, body_of_size, finish_with_text, path};
+use super::{Packed, Tag, WireError, begin, body_of_size, path, put_text};
 
 /// Tag of the message.
 pub const TAG: Tag = *b"DREF";
@@ -25,7 +25,7 @@ impl<'a> Write<'a> {
     /// If the datagram is not a write.
     pub fn decode(datagram: &'a [u8]) -> Result<Self, WireError> {
         let mut fields = body_of_size(datagram, &TAG, SIZE)?;
-        Ok(Self { value: fields.finite_f32()?, path: path(fields.text())? })
+        Ok(Self { value: fields.next()?, path: path(fields.text())? })
     }
 
     /// Encodes the write; the path has at most 499 bytes.
@@ -33,9 +33,9 @@ impl<'a> Write<'a> {
     /// # Errors
     /// If the path is too long or contains a NUL.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
-        begin(out, &TAG, 0);
-        out.extend(self.value.to_le_bytes());
-        finish_with_text(out, self.path, SIZE)
+        begin(out, &TAG);
+        self.value.write(out);
+        put_text(out, self.path, SIZE - VALUE.end - 1, SIZE - VALUE.end)
     }
 }
 

@@ -1,7 +1,7 @@
 //! PREL: places an aircraft. Of its start types only type 6 is supported: latitude, longitude and elevation, with empty
 //! airport fields.
 
-use super::{Fields, Tag, WireError, begin, body_of_size};
+use super::{Packed, Tag, WireError, begin, body_of_size, check_place, layout};
 
 /// Tag of the message.
 pub const TAG: Tag = *b"PREL";
@@ -10,24 +10,44 @@ pub const SIZE: usize = 69;
 
 /// Start type: latitude, longitude, elevation.
 const AT_A_PLACE: i32 = 6;
-/// Number of aircraft in X-Plane; the user's is number 0.
-pub(super) const AIRCRAFT: i32 = 20;
 
-/// Placement of an aircraft, in flight or on the ground.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placement {
-    /// Number of the aircraft: 0 is the user's own, 19 the last.
-    pub aircraft: u8,
-    /// Latitude, −90 to 90, north positive.
-    pub latitude_deg: f64,
-    /// Longitude, −180 to 180, east positive.
-    pub longitude_deg: f64,
-    /// Elevation above mean sea level.
-    pub elevation_m: f64,
-    /// Heading, clockwise from true north.
-    pub heading_deg: f64,
-    /// Speed along the heading.
-    pub speed_m_s: f64,
+/// How the number of an aircraft is packed here: behind the start type, and before the fields of an airport, which are ignored.
+mod at_a_place {
+    use super::AT_A_PLACE;
+    use crate::plant::xplane::wire::{Fields, Packed, WireError, aircraft_number};
+
+    pub(super) fn read(fields: &mut Fields<'_>) -> Result<u8, WireError> {
+        if fields.next::<i32>()? != AT_A_PLACE {
+            return Err(WireError::OutOfRange);
+        }
+        let number = aircraft_number::read(fields)?;
+        fields.array::<16>().map(|_airport| number)
+    }
+
+    pub(super) fn write(number: &u8, out: &mut Vec<u8>) {
+        AT_A_PLACE.write(out);
+        aircraft_number::write(number, out);
+        out.extend([0; 16]);
+    }
+}
+
+layout! {
+    /// Placement of an aircraft, in flight or on the ground.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Placement {
+        /// Number of the aircraft: 0 is the user's own, 19 the last.
+        pub aircraft: u8 as at_a_place,
+        /// Latitude, −90 to 90, north positive.
+        pub latitude_deg: f64,
+        /// Longitude, −180 to 180, east positive.
+        pub longitude_deg: f64,
+        /// Elevation above mean sea level.
+        pub elevation_m: f64,
+        /// Heading, clockwise from true north.
+        pub heading_deg: f64,
+        /// Speed along the heading.
+        pub speed_m_s: f64,
+    }
 }
 
 impl Placement {
@@ -36,39 +56,13 @@ impl Placement {
     /// # Errors
     /// If the datagram is not a placement, has another start type, or has a number out of range.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
-        Self::read(&mut body_of_size(datagram, &TAG, SIZE)?)
-    }
-
-    /// Reads the fields of a placement.
-    pub(super) fn read(fields: &mut Fields<'_>) -> Result<Self, WireError> {
-        let (start, aircraft) = (fields.i32()?, fields.i32()?);
-        let _airport: [u8; 16] = fields.array()?;
-        let placement = Self {
-            aircraft: u8::try_from(aircraft).map_err(|_| WireError::OutOfRange)?,
-            latitude_deg: fields.finite_f64()?,
-            longitude_deg: fields.finite_f64()?,
-            elevation_m: fields.finite_f64()?,
-            heading_deg: fields.finite_f64()?,
-            speed_m_s: fields.finite_f64()?,
-        };
-        let on_the_globe = placement.latitude_deg.abs() <= 90.0 && placement.longitude_deg.abs() <= 180.0;
-        let known = start == AT_A_PLACE && aircraft < AIRCRAFT;
-        if on_the_globe && known { Ok(placement) } else { Err(WireError::OutOfRange) }
+        let placement: Self = body_of_size(datagram, &TAG, SIZE)?.next()?;
+        check_place(placement.latitude_deg, placement.longitude_deg).map(|()| placement)
     }
 
     /// Encodes the placement.
     pub fn encode(&self, out: &mut Vec<u8>) {
-        begin(out, &TAG, 0);
+        begin(out, &TAG);
         self.write(out);
-    }
-
-    /// Appends the fields of the placement.
-    pub(super) fn write(&self, out: &mut Vec<u8>) {
-        out.extend(AT_A_PLACE.to_le_bytes());
-        out.extend(i32::from(self.aircraft).to_le_bytes());
-        out.extend([0; 16]);
-        for value in [self.latitude_deg, self.longitude_deg, self.elevation_m, self.heading_deg, self.speed_m_s] {
-            out.extend(value.to_le_bytes());
-        }
     }
 }

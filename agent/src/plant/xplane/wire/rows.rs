@@ -4,9 +4,10 @@
 //! Rows are numbered from 0. X-Plane never sends rows to the program that selected them, but to the address of target
 //! [`DATA_OUTPUT`] only.
 
+use std::iter;
 use std::net::IpAddr;
 
-use super::{Fields, Tag, WireError, begin, body, body_of_size, put_text, text};
+use super::{Fields, Packed, Tag, WireError, begin, body, body_of_size, layout, parts, text};
 
 /// Tag of the rows.
 pub const TAG: Tag = *b"DATA";
@@ -17,23 +18,28 @@ const NO_VALUE: f32 = -999.0;
 /// Length of a row, bytes.
 const ROW_SIZE: usize = 36;
 
-/// A row: its number on the Data Output screen, and up to eight numbers, whose meaning and units depend on the row.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
-    /// Number of the row, from 0.
-    pub index: i32,
-    /// `None`: this row has no number there. To X-Plane: do not change it.
-    pub values: [Option<f32>; 8],
+layout! {
+    /// A row: its number on the Data Output screen, and up to eight numbers, whose meaning and units depend on the row.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Row {
+        /// Number of the row, from 0.
+        pub index: i32,
+        /// `None`: this row has no number there. To X-Plane: do not change it.
+        pub values: [Option<f32>; 8],
+    }
 }
 
-impl Row {
+impl Packed for [Option<f32>; 8] {
     fn read(fields: &mut Fields<'_>) -> Result<Self, WireError> {
-        let index = fields.i32()?;
         let mut values = [None; 8];
         for value in &mut values {
-            *value = Some(fields.finite_f32()?).filter(|&number| number != NO_VALUE);
+            *value = Some(fields.next()?).filter(|&number| number != NO_VALUE);
         }
-        Ok(Self { index, values })
+        Ok(values)
+    }
+
+    fn write(&self, out: &mut Vec<u8>) {
+        self.iter().for_each(|value| value.unwrap_or(NO_VALUE).write(out));
     }
 }
 
@@ -42,11 +48,7 @@ impl Row {
 /// # Errors
 /// If the datagram has no rows, a part of one, or a number that is not finite.
 pub fn decode_rows(datagram: &[u8]) -> Result<Vec<Row>, WireError> {
-    let body = body(datagram, &TAG)?;
-    if body.is_empty() || !body.len().is_multiple_of(ROW_SIZE) {
-        return Err(WireError::WrongSize);
-    }
-    body.chunks(ROW_SIZE).map(|row| Row::read(&mut Fields(row))).collect()
+    parts(datagram, &TAG, ROW_SIZE)
 }
 
 /// Encodes one to [`MAX_ROWS`] rows.
@@ -57,15 +59,12 @@ pub fn encode_rows(rows: &[Row], out: &mut Vec<u8>) -> Result<(), WireError> {
     if !(1..=MAX_ROWS).contains(&rows.len()) {
         return Err(WireError::WrongSize);
     }
-    begin(out, &TAG, 0);
-    for row in rows {
-        out.extend(row.index.to_le_bytes());
-        row.values.iter().for_each(|value| out.extend(value.unwrap_or(NO_VALUE).to_le_bytes()));
-    }
+    begin(out, &TAG);
+    rows.iter().for_each(|row| row.write(out));
     Ok(())
 }
 
-/// What a selection of rows changes.
+/// The change that a selection of rows makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     /// DSEL: send the rows by UDP.
@@ -96,7 +95,7 @@ impl Output {
 /// A selection of rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Selection {
-    /// What happens with the rows.
+    /// The change for the rows.
     pub output: Output,
     /// Numbers of the rows; unknown and repeated ones do no harm.
     pub rows: Vec<i32>,
@@ -119,8 +118,8 @@ impl Selection {
 
     /// Encodes the selection.
     pub fn encode(&self, out: &mut Vec<u8>) {
-        begin(out, &self.output.tag(), 0);
-        self.rows.iter().for_each(|row| out.extend(row.to_le_bytes()));
+        begin(out, &self.output.tag());
+        self.rows.iter().for_each(|row| row.write(out));
     }
 }
 
@@ -130,11 +129,15 @@ pub const DATA_OUTPUT: i32 = 64;
 pub const ISE4: Tag = *b"ISE4";
 /// Tag of a destination with an address of either kind.
 pub const ISE6: Tag = *b"ISE6";
+/// Lengths of a destination in the shorter and the longer form: of all, of the address, and of the port, which has a byte of
+/// padding behind it in the longer form.
+const LENGTHS_4: [usize; 3] = [37, 16, 8];
+const LENGTHS_6: [usize; 3] = [85, 65, 7];
 
 /// Where X-Plane sends something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Destination {
-    /// What is sent there: [`DATA_OUTPUT`], or another PC of an X-Plane network.
+    /// The things sent there: [`DATA_OUTPUT`], or another PC of an X-Plane network.
     pub target: i32,
     /// Address of the receiver.
     pub address: IpAddr,
@@ -151,26 +154,25 @@ impl Destination {
     /// If the datagram is not a destination, or holds no address or port.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
         let is_4 = datagram.starts_with(&ISE4);
-        let mut fields = if is_4 { body_of_size(datagram, &ISE4, 37)? } else { body_of_size(datagram, &ISE6, 85)? };
-        let target = fields.i32()?;
-        let address = text(fields.field(if is_4 { 16 } else { 65 })?)?;
-        // The longer form has a byte of padding behind the port.
-        let port = text(fields.field(if is_4 { 8 } else { 7 })?)?;
-        let address: IpAddr = address.trim().parse().map_err(|_| WireError::NotText)?;
+        let (tag, [total, address, port]) = if is_4 { (ISE4, LENGTHS_4) } else { (ISE6, LENGTHS_6) };
+        let mut fields = body_of_size(datagram, &tag, total)?;
+        let target = fields.next()?;
+        let address: IpAddr = text(fields.field(address)?)?.trim().parse().map_err(|_| WireError::NotText)?;
+        let port = text(fields.field(port)?)?.trim().parse().map_err(|_| WireError::OutOfRange)?;
         if is_4 && address.is_ipv6() {
             return Err(WireError::OutOfRange);
         }
-        let port = port.trim().parse().map_err(|_| WireError::OutOfRange)?;
-        Ok(Self { target, address, port, is_on: fields.i32()? != 0 })
+        Ok(Self { target, address, port, is_on: fields.next::<i32>()? != 0 })
     }
 
     /// Encodes the destination, in the shorter form if its address is IPv4.
     pub fn encode(&self, out: &mut Vec<u8>) {
-        let (tag, [address, port]) = if self.address.is_ipv4() { (ISE4, [16, 8]) } else { (ISE6, [65, 7]) };
-        begin(out, &tag, 0);
-        out.extend(self.target.to_le_bytes());
-        put_text(out, &self.address.to_string(), address);
-        put_text(out, &self.port.to_string(), port);
-        out.extend(i32::from(self.is_on).to_le_bytes());
+        let (tag, [_, address, port]) = if self.address.is_ipv4() { (ISE4, LENGTHS_4) } else { (ISE6, LENGTHS_6) };
+        begin(out, &tag);
+        self.target.write(out);
+        for (text, field) in [(self.address.to_string(), address), (self.port.to_string(), port)] {
+            out.extend(text.bytes().chain(iter::repeat(0)).take(field));
+        }
+        i32::from(self.is_on).write(out);
     }
 }

@@ -1,6 +1,6 @@
 //! RREF: subscriptions to values of datarefs, each identified by an index that the client chooses.
 
-use super::{Tag, WireError, begin, body, body_of_size, finish_with_text, path};
+use super::{Packed, Tag, WireError, begin, body, body_of_size, path, put_text};
 
 /// Tag of the message.
 pub const TAG: Tag = *b"RREF";
@@ -9,6 +9,8 @@ pub const REQUEST_SIZE: usize = 413;
 /// Largest number of values in one datagram.
 pub const MAX_VALUES: usize = 183;
 
+/// Length of the field of a path, bytes.
+const PATH: usize = 400;
 /// Length of an encoded pair of index and value, bytes.
 const PAIR: usize = 8;
 
@@ -30,8 +32,8 @@ impl<'a> DatarefRequest<'a> {
     /// If the datagram is not a request.
     pub fn decode(datagram: &'a [u8]) -> Result<Self, WireError> {
         let mut fields = body_of_size(datagram, &TAG, REQUEST_SIZE)?;
-        let frequency_hz = u32::try_from(fields.i32()?).map_err(|_| WireError::OutOfRange)?;
-        Ok(Self { frequency_hz, index: fields.i32()?, path: path(fields.text())? })
+        let frequency_hz = u32::try_from(fields.next::<i32>()?).map_err(|_| WireError::OutOfRange)?;
+        Ok(Self { frequency_hz, index: fields.next()?, path: path(fields.text())? })
     }
 
     /// Encodes the request; the path has at most 399 bytes.
@@ -39,11 +41,10 @@ impl<'a> DatarefRequest<'a> {
     /// # Errors
     /// If the path is too long or contains a NUL, or the rate is out of range.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
-        begin(out, &TAG, 0);
-        let frequency_hz = i32::try_from(self.frequency_hz).map_err(|_| WireError::OutOfRange)?;
-        out.extend(frequency_hz.to_le_bytes());
-        out.extend(self.index.to_le_bytes());
-        finish_with_text(out, self.path, REQUEST_SIZE)
+        begin(out, &TAG);
+        i32::try_from(self.frequency_hz).map_err(|_| WireError::OutOfRange)?.write(out);
+        self.index.write(out);
+        put_text(out, self.path, PATH - 1, PATH)
     }
 }
 
@@ -71,10 +72,11 @@ pub fn encode_values(pairs: &[(i32, f32)], out: &mut Vec<u8>) -> Result<(), Wire
     if pairs.len() > MAX_VALUES {
         return Err(WireError::WrongSize);
     }
-    begin(out, &TAG, b',');
+    begin(out, &TAG);
+    out[TAG.len()] = b',';
     for (index, value) in pairs {
-        out.extend(index.to_le_bytes());
-        out.extend(value.to_le_bytes());
+        index.write(out);
+        value.write(out);
     }
     Ok(())
 }

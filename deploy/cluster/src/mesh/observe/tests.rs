@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use ring::rand::SystemRandom;
 use ring::signature::Ed25519KeyPair;
-use skein_agent::link::{Link, Security, Trust};
+use skein_agent::link::{Link, Messages, Security, Trust};
 use skein_common::id::{Incarnation, VehicleSet};
 use skein_common::message::{EventKind, Header, Verb};
 use skein_common::scenario::{Source, load};
@@ -100,7 +100,7 @@ fn a_vehicle_makes_its_trace_only_for_a_subscriber() {
         let mut has_event = false;
         while !(has_event && link.trace_is_wanted() == wanted) {
             assert!(clock::now() < until, "event received: {has_event}, {steps:?}");
-            link.publish_event(&event);
+            link.send(Messages { events: [event].into(), ..Messages::default() });
             clock::sleep(Duration::from_millis(20));
             has_event |= observer.poll().contains(&SwarmMessage::Event(event));
         }

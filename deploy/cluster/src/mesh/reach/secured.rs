@@ -55,15 +55,16 @@ impl Inventory {
         let (_, mut names) = accepted_pair(self, &folder, role)?;
         // A vehicle that has left the cluster is not accepted.
         names.retain(|id| self.nodes.contains_key(&id));
+        let orders_key = folder.orders_key()?;
         let tls = Tls {
             authority: folder.path(AUTHORITY),
             certificate: folder.path(&certificate),
             key: folder.path(&key),
+            orders: orders_key,
             observers: names.all_observers(),
             vehicles: names.vehicles,
             operator: names.operator,
         };
-        let orders_key = folder.orders_key()?;
         let signing_key = (role == Role::Operator).then(|| folder.signing_key(orders_key)).transpose()?;
         Ok(Reach {
             security: Security::Tls(tls),

@@ -36,9 +36,9 @@ impl Bench {
 
     /// Records values with our indices.
     fn values(&mut self, position: &Position) {
-        self.senders.place(Value::Latitude, position.latitude_deg as f32, self.at);
-        self.senders.place(Value::Longitude, position.longitude_deg as f32, self.at);
-        self.senders.place(Value::Elevation, position.elevation_m as f32, self.at);
+        self.senders.place(Reading::Latitude, position.latitude_deg as f32, self.at);
+        self.senders.place(Reading::Longitude, position.longitude_deg as f32, self.at);
+        self.senders.place(Reading::Elevation, position.elevation_m as f32, self.at);
     }
 
     fn position(&mut self, port: u16, position: &Position) -> Sender {
@@ -66,7 +66,7 @@ fn indices_are_distinct_and_of_one_session_only() {
     let draw = || Indices::draw(|bytes| SystemRandom::new().fill(bytes).is_ok()).unwrap();
     let (one, other) = (draw(), draw());
     assert!(one.values.iter().all(|index| *index >= 0 && other.value(*index).is_none()), "{one:?} {other:?}");
-    for value in Value::ALL {
+    for &value in Reading::ALL {
         assert_eq!(one.value(one.of(value)), Some(value));
     }
 }
@@ -197,9 +197,9 @@ proptest! {
             if is_cut && is_outward { rounded.signum() * rounded.abs().next_down() } else { rounded }
         };
         let mut bench = Bench::new();
-        bench.senders.place(Value::Latitude, single(latitude_deg), bench.at);
-        bench.senders.place(Value::Longitude, single(longitude_deg), bench.at);
-        bench.senders.place(Value::Elevation, single(elevation_m), bench.at);
+        bench.senders.place(Reading::Latitude, single(latitude_deg), bench.at);
+        bench.senders.place(Reading::Longitude, single(longitude_deg), bench.at);
+        bench.senders.place(Reading::Elevation, single(elevation_m), bench.at);
         bench.wait_s(age_s);
         let t_s = age_s + lead_s;
         let [north, east, up] = accelerations_m_s2;

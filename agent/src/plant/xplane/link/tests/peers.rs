@@ -2,6 +2,7 @@
 
 use skein_common::frame::{Attitude, PositionNed};
 use skein_common::id::VehicleId;
+use skein_common::scenario::{Source, load};
 
 use super::live::{Live, read};
 use super::*;
@@ -17,11 +18,17 @@ fn peer(since: Instant) -> PeerPose {
     }
 }
 
+/// The table `[plant]` of a scenario that draws so many peers.
+fn drawing(show_peers: usize, acf: Option<&str>) -> VehicleModel {
+    let plain = load(&Source { name: "plain", text: "swarm.vehicles = 1" }, &[]).unwrap().scenario.plant;
+    VehicleModel { show_peers, peer_acf: acf.map(str::to_owned), ..plain }
+}
+
 #[test]
 fn a_peer_is_drawn_where_it_is_at_the_frame_rate_and_its_aircraft_is_given_back() {
     let live = Live::start(0);
     let mut link = link_to(live.address, LOCAL);
-    link.show_up_to(3, Some("Aircraft/Skein/heli.acf")).unwrap();
+    link.set_up(None, &drawing(3, Some("Aircraft/Skein/heli.acf"))).unwrap();
     let begin = now();
     let mut largest_m: f64 = 0.0;
     let mut places = Vec::new();
@@ -49,7 +56,7 @@ fn a_peer_is_drawn_where_it_is_at_the_frame_rate_and_its_aircraft_is_given_back(
 #[test]
 fn a_simulator_that_is_not_there_is_sent_no_peers() {
     let (mut simulator, mut link) = Scripted::silent();
-    link.show_up_to(1, None).unwrap();
+    link.set_up(None, &drawing(1, None)).unwrap();
     assert!(link.client().shows_peers());
     link.show_peers(&mut [peer(now())].into_iter());
     assert!(simulator.receive().is_empty());

@@ -48,7 +48,7 @@ fn a_reset_gives_the_controls_back_and_tells_the_caller() {
 #[test]
 fn nobody_ends_the_simulator() {
     let mut bench = Bench::new();
-    End::ALL.into_iter().for_each(|end| bench.send(client(1), |out| end.encode(out)));
+    operation::ENDS.into_iter().for_each(|end| bench.send(client(1), |out| out.extend([&end[..], b"\0"].concat())));
     assert_eq!((bench.server.refused_ends(), bench.server.malformed()), (2, 0));
 }
 

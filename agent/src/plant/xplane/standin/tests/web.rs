@@ -384,8 +384,8 @@ fn x_plane_11_has_none_and_takes_its_own_weather() {
         let wind = crate::plant::xplane::server::Dataref::all().iter().position(|dataref| dataref.path() == WIND_X);
         simulator.begin_frame();
         simulator.end_frame(frame_s, |_, _| ());
-        let values = simulator.serve(&crate::plant::xplane::server::Task::Read(vec![wind.unwrap()])).unwrap();
-        let crate::plant::xplane::server::Value::Number(east_m_s) = values[0] else { panic!("{values:?}") };
+        let values = simulator.serve(&crate::plant::xplane::server::Task::Read(vec![(wind.unwrap(), None)])).unwrap();
+        let east_m_s = values[0].as_f64().unwrap();
         assert!((east_m_s - 5.144_444).abs() < 1e-3, "version {version}: {east_m_s}");
     }
 }

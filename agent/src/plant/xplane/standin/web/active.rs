@@ -1,4 +1,4 @@
-//! Which commands are held down, by which connection and until when.
+//! The commands that are held down, each by a connection and until a time.
 
 use std::collections::BTreeMap;
 

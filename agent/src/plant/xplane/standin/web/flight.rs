@@ -96,7 +96,7 @@ pub(super) fn changed(data: &Json) -> Result<Flight, Fault> {
     conditions(flight)
 }
 
-/// What new flights and changes have in common.
+/// The part that new flights and changes have in common.
 fn conditions(flight: &Map<String, Json>) -> Result<Flight, Fault> {
     let (local_time_s, local_date) = time(flight)?;
     let [payload_kg, fuel_kg] = weights(flight)?;

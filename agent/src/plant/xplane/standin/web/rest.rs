@@ -12,17 +12,16 @@ use axum::{Json, Router};
 use serde_json::{Value as Js, json};
 use tokio::time::{Duration, Instant, timeout};
 
-use super::ids::{command_of, dataref_of};
-use super::values::{check_index, element_to_json, elements, to_json, type_name};
-use super::{Fault, MAX_BODY, REQUEST_WITHIN, Shared, flight, socket};
+use super::values::{check_index, elements, type_name};
+use super::{Fault, MAX_BODY, REQUEST_WITHIN, WebState, flight, socket};
 use crate::plant::xplane::server::{COMMANDS, Dataref, Task, Version};
 
-type Web = State<Arc<Shared>>;
+type Api = State<Arc<WebState>>;
 type Pairs = Query<Vec<(String, String)>>;
 type Reply = Result<Json<Js>, Fault>;
 
 /// All addresses. Version 1 has no commands, and only version 3 has flights.
-pub(super) fn router(shared: Arc<Shared>) -> Router {
+pub(super) fn router(shared: Arc<WebState>) -> Router {
     Router::new()
         .route("/api/capabilities", get(capabilities))
         .route("/api/{version}", get(upgrade))
@@ -40,7 +39,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
 }
 
 /// Refuses everything if incoming connections are off, and ends what takes too long.
-async fn guard(State(shared): Web, request: HttpRequest, next: Next) -> Response {
+async fn guard(State(shared): Api, request: HttpRequest, next: Next) -> Response {
     if !shared.accepts {
         return Fault::new(StatusCode::FORBIDDEN, "forbidden", "Incoming traffic is disabled").into_response();
     }
@@ -62,7 +61,7 @@ async fn capabilities() -> Json<Js> {
     Json(json!({ "api": { "versions": ["v1", "v2", "v3"] }, "x-plane": { "version": version } }))
 }
 
-async fn upgrade(State(shared): Web, Path(version): Path<String>, socket: WebSocketUpgrade) -> Result<Response, Fault> {
+async fn upgrade(State(shared): Api, Path(version): Path<String>, socket: WebSocketUpgrade) -> Result<Response, Fault> {
     check_version(&version, 1)?;
     let Ok(place) = Arc::clone(&shared.sockets).try_acquire_owned() else {
         return Err(Fault::new(StatusCode::SERVICE_UNAVAILABLE, "too_many", "Too many WebSockets are open"));
@@ -117,7 +116,7 @@ fn page(all: Vec<Js>, pairs: &[(String, String)], missing: impl Fn(&str) -> Faul
     Ok(Json(json!({ "data": listed })))
 }
 
-async fn datarefs(State(shared): Web, Path(version): Path<String>, Query(pairs): Pairs) -> Reply {
+async fn datarefs(State(shared): Api, Path(version): Path<String>, Query(pairs): Pairs) -> Reply {
     check_version(&version, 1)?;
     let entry = |(at, dataref): (usize, &Dataref)| {
         json!({
@@ -132,13 +131,13 @@ async fn datarefs(State(shared): Web, Path(version): Path<String>, Query(pairs):
     page(all, &pairs, |name| Fault::missing("invalid_dataref_name", format!("Dataref {name} doesn't exist")))
 }
 
-async fn count_datarefs(State(shared): Web, Path(version): Path<String>) -> Reply {
+async fn count_datarefs(State(shared): Api, Path(version): Path<String>) -> Reply {
     check_version(&version, 1)?;
     let all = Dataref::all().iter().filter(|dataref| dataref.is_in(&shared.acf));
     Ok(Json(json!({ "data": all.count() })))
 }
 
-async fn commands(State(shared): Web, Path(version): Path<String>, Query(pairs): Pairs) -> Reply {
+async fn commands(State(shared): Api, Path(version): Path<String>, Query(pairs): Pairs) -> Reply {
     check_version(&version, 2)?;
     let all = COMMANDS.iter().enumerate();
     let all = all.map(|(at, command)| {
@@ -152,35 +151,24 @@ async fn count_commands(Path(version): Path<String>) -> Reply {
     Ok(Json(json!({ "data": COMMANDS.len() })))
 }
 
-fn number_of(text: &str, fault: fn(&str) -> Fault) -> Result<u64, Fault> {
-    text.parse().map_err(|_| fault(text))
-}
-
-fn no_dataref(id: &str) -> Fault {
-    Fault::missing("invalid_dataref_id", format!("Dataref {id} doesn't exist"))
-}
-
 /// The dataref of an address, and the index of its query.
 fn addressed(
-    shared: &Shared,
+    shared: &WebState,
     id: &str,
     pairs: &[(String, String)],
 ) -> Result<(usize, &'static Dataref, Option<usize>), Fault> {
-    let (at, dataref) = dataref_of(shared, number_of(id, no_dataref)?)?;
+    let (at, dataref) = shared.dataref(id)?;
     let index = pairs.iter().find(|(key, _)| key == "index");
-    let wrong = |_: &str| Fault::bad("index_out_of_range", "Dataref array index out of range");
-    let index = index.map(|(_, text)| number_of(text, wrong)).transpose()?;
+    let wrong = |_| Fault::bad("index_out_of_range", "Dataref array index out of range");
+    let index = index.map(|(_, text)| text.parse().map_err(wrong)).transpose()?;
     Ok((at, dataref, check_index(dataref, index, "Dataref")?))
 }
 
-async fn read(State(shared): Web, Path((version, id)): Path<(String, String)>, Query(pairs): Pairs) -> Reply {
+async fn read(State(shared): Api, Path((version, id)): Path<(String, String)>, Query(pairs): Pairs) -> Reply {
     check_version(&version, 1)?;
-    let (at, dataref, index) = addressed(&shared, &id, &pairs)?;
-    let values = shared.run(Task::Read(vec![at])).await?;
-    let value = values.first().map_or(Js::Null, |value| match index {
-        Some(index) => element_to_json(value, dataref.value_type(), index),
-        None => to_json(value, dataref.value_type()),
-    });
+    let (at, _, index) = addressed(&shared, &id, &pairs)?;
+    let values = shared.run(Task::Read(vec![(at, index.map(|index| [index].into()))])).await?;
+    let value = values.first().map(|value| if index.is_some() { &value[0] } else { value });
     Ok(Json(json!({ "data": value })))
 }
 
@@ -191,7 +179,7 @@ fn body_of(bytes: &Bytes) -> Result<Js, Fault> {
 }
 
 async fn write(
-    State(shared): Web,
+    State(shared): Api,
     Path((version, id)): Path<(String, String)>,
     Query(pairs): Pairs,
     bytes: Bytes,
@@ -204,10 +192,9 @@ async fn write(
     Ok(Json(Js::Null))
 }
 
-async fn activate(State(shared): Web, Path((version, id)): Path<(String, String)>, bytes: Bytes) -> Reply {
+async fn activate(State(shared): Api, Path((version, id)): Path<(String, String)>, bytes: Bytes) -> Reply {
     check_version(&version, 2)?;
-    let missing = |id: &str| Fault::missing("invalid_command_id", format!("Command {id} doesn't exist"));
-    let command = command_of(&shared, number_of(&id, missing)?)?;
+    let command = shared.command(&id)?;
     let body = body_of(&bytes)?;
     let duration_s = body["duration"].as_f64();
     let duration_s = duration_s.ok_or_else(|| Fault::bad("duration_missing", "Missing duration parameter"))?;
@@ -215,21 +202,21 @@ async fn activate(State(shared): Web, Path((version, id)): Path<(String, String)
         return Err(Fault::bad("duration_out_of_range", "Duration is out of valid range"));
     }
     let until = Instant::now() + Duration::from_secs_f64(duration_s);
-    let begins = shared.active().hold(0, command, Some(until));
+    let begins = shared.active.lock().hold(0, command, Some(until));
     if begins {
         shared.run(Task::Run(COMMANDS[command].action)).await?;
     }
     Ok(Json(Js::Null))
 }
 
-async fn start(State(shared): Web, Path(version): Path<String>, bytes: Bytes) -> Reply {
+async fn start(State(shared): Api, Path(version): Path<String>, bytes: Bytes) -> Reply {
     check_version(&version, 3)?;
     let flight = flight::started(&body_of(&bytes)?["data"], &shared.acf)?;
     shared.run(Task::Fly(flight)).await?;
     Ok(Json(json!({ "error_code": "success" })))
 }
 
-async fn update(State(shared): Web, Path(version): Path<String>, bytes: Bytes) -> Reply {
+async fn update(State(shared): Api, Path(version): Path<String>, bytes: Bytes) -> Reply {
     check_version(&version, 3)?;
     let flight = flight::changed(&body_of(&bytes)?["data"])?;
     shared.run(Task::Fly(flight)).await?;

@@ -7,10 +7,9 @@ use axum::extract::ws::{Message, WebSocket};
 use serde_json::{Map, Value as Json, json};
 use tokio::time::{Duration, Instant, MissedTickBehavior, interval, timeout};
 
-use super::ids::{command_of, dataref_of};
-use super::values::{check_index, element_to_json, elements, to_json};
-use super::{Fault, Shared};
-use crate::plant::xplane::server::{COMMANDS, Dataref, Task};
+use super::values::{check_index, elements};
+use super::{Fault, WebState};
+use crate::plant::xplane::server::{COMMANDS, Dataref, Elements, Task};
 
 /// Time between two updates, and longest time that a slow client may take to receive one.
 const UPDATE_EVERY: Duration = Duration::from_millis(100);
@@ -18,12 +17,9 @@ const SENT_WITHIN: Duration = Duration::from_secs(5);
 /// Longest time that a command is held down without being released, s.
 const LONGEST_HOLD_S: f64 = 24.0 * 3600.0;
 
-/// The elements wanted of a dataref; `None` is the whole value.
-type Elements = Option<BTreeSet<usize>>;
-
-/// What one client has subscribed to, and what it was sent last.
+/// The subscriptions of one client, and the values that it was sent last.
 struct Session {
-    shared: Arc<Shared>,
+    shared: Arc<WebState>,
     connection: u64,
     /// Numbers of this start of the simulator: after a restart the client has to connect again.
     first_id: u64,
@@ -35,8 +31,8 @@ struct Session {
 }
 
 /// Serves one client until it ends, is too slow, or the simulator ends.
-pub(super) async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
-    let connection = shared.active().connect();
+pub(super) async fn serve(mut socket: WebSocket, shared: Arc<WebState>) {
+    let connection = shared.active.lock().connect();
     let mut session = Session {
         first_id: shared.first_id(),
         connection,
@@ -70,7 +66,7 @@ pub(super) async fn serve(mut socket: WebSocket, shared: Arc<Shared>) {
             break;
         }
     }
-    shared.active().disconnect(connection);
+    shared.active.lock().disconnect(connection);
 }
 
 impl Session {
@@ -142,7 +138,7 @@ impl Session {
     fn dataref(&self, entry: &Json) -> Result<(usize, &'static Dataref), Fault> {
         let number = entry["id"].as_u64();
         let number = number.ok_or_else(|| Fault::bad("invalid_dataref_id", "Dataref without a number"))?;
-        dataref_of(&self.shared, number)
+        self.shared.dataref(&number.to_string())
     }
 
     /// The datarefs of a subscription with the elements wanted; all of them exist, or none is subscribed to.
@@ -186,14 +182,14 @@ impl Session {
     fn command(&self, entry: &Json) -> Result<usize, Fault> {
         let number = entry["id"].as_u64();
         let number = number.ok_or_else(|| Fault::bad("invalid_command_id", "Command without a number"))?;
-        command_of(&self.shared, number)
+        self.shared.command(&number.to_string())
     }
 
     async fn hold(&self, params: &Json) -> Result<(), Fault> {
         for entry in list(params, "commands")? {
             let command = self.command(entry)?;
             if entry["is_active"] != true {
-                self.shared.active().release(self.connection, command);
+                self.shared.active.lock().release(self.connection, command);
                 continue;
             }
             let until = match entry["duration"].as_f64() {
@@ -203,7 +199,7 @@ impl Session {
                 Some(duration_s) => Some(Instant::now() + Duration::from_secs_f64(duration_s)),
                 None => None,
             };
-            let begins = self.shared.active().hold(self.connection, command, until);
+            let begins = self.shared.active.lock().hold(self.connection, command, until);
             if begins {
                 self.shared.run(Task::Run(COMMANDS[command].action)).await?;
             }
@@ -218,21 +214,14 @@ impl Session {
         }
         let mut messages = Vec::new();
         if !self.datarefs.is_empty() {
-            let positions: Vec<usize> = self.datarefs.keys().copied().collect();
-            let values = self.shared.run(Task::Read(positions)).await.ok()?;
-            let mut all = Map::new();
-            for ((&at, elements), value) in self.datarefs.iter().zip(&values) {
-                let value_type = Dataref::all()[at].value_type();
-                let value = match elements {
-                    None => to_json(value, value_type),
-                    Some(elements) => elements.iter().map(|&one| element_to_json(value, value_type, one)).collect(),
-                };
-                all.insert(self.shared.dataref_id(at).to_string(), value);
-            }
+            let wanted = self.datarefs.iter().map(|(at, elements)| (*at, elements.clone())).collect();
+            let values = self.shared.run(Task::Read(wanted)).await.ok()?;
+            let ids = self.datarefs.keys().map(|at| self.shared.dataref_id(*at).to_string());
+            let all = ids.zip(values).collect();
             messages.extend(changes(&mut self.sent, all, "dataref_update_values"));
         }
         if !self.commands.is_empty() {
-            let mut active = self.shared.active();
+            let mut active = self.shared.active.lock();
             let is_held = |&at: &usize| (self.shared.command_id(at).to_string(), Json::from(active.is_held(at)));
             let all: Map<String, Json> = self.commands.iter().map(is_held).collect();
             drop(active);

@@ -1,11 +1,9 @@
-//! Values of datarefs as JSON, and back.
+//! Indices of datarefs, and values as JSON that a client wants to write.
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-use serde_json::{Number, Value as Json};
+use serde_json::Value as Json;
 
 use super::Fault;
-use crate::plant::xplane::server::{Dataref, Value, ValueType};
+use crate::plant::xplane::server::{Dataref, ValueType};
 
 /// Number of engines of X-Plane 12, the only version with a Web API.
 const ENGINES: usize = 16;
@@ -22,38 +20,8 @@ pub(super) fn type_name(value_type: ValueType) -> &'static str {
     }
 }
 
-fn is_whole(value_type: ValueType) -> bool {
-    matches!(value_type, ValueType::Int | ValueType::IntArray)
-}
-
 fn is_array(value_type: ValueType) -> bool {
     matches!(value_type, ValueType::IntArray | ValueType::FloatArray | ValueType::Data)
-}
-
-fn number(value: f64, value_type: ValueType) -> Json {
-    if is_whole(value_type) {
-        Json::from(value as i64)
-    } else {
-        Number::from_f64(value).map_or(Json::Null, Json::Number)
-    }
-}
-
-/// The whole value as JSON: numbers, arrays, and bytes in base64.
-pub(super) fn to_json(value: &Value, value_type: ValueType) -> Json {
-    match value {
-        Value::Number(value) => number(*value, value_type),
-        Value::Numbers(values) => values.iter().map(|value| number(*value, value_type)).collect(),
-        Value::Bytes(bytes) => STANDARD.encode(bytes).into(),
-    }
-}
-
-/// One element of an array as JSON.
-pub(super) fn element_to_json(value: &Value, value_type: ValueType, at: usize) -> Json {
-    match value {
-        Value::Number(value) => number(*value, value_type),
-        Value::Numbers(values) => values.get(at).map_or(Json::Null, |value| number(*value, value_type)),
-        Value::Bytes(bytes) => bytes.get(at).map_or(Json::Null, |&byte| byte.into()),
-    }
 }
 
 /// Checks an index against a dataref; `what` names the dataref in the message.

@@ -5,9 +5,8 @@ use std::net::IpAddr;
 use proptest::prelude::*;
 
 use super::{encoded, typed};
-use crate::plant::xplane::wire::aircraft::{ACFN, ACPR, Load, LoadAndPlace, Move, Physics};
-use crate::plant::xplane::wire::operation::{ALRT, Alert, CMND, Command, End, FileAction, SIMO, Situation};
-use crate::plant::xplane::wire::prel::Placement;
+use crate::plant::xplane::wire::aircraft::{ACFN, Load, Move, Physics};
+use crate::plant::xplane::wire::operation::{CMND, Command};
 use crate::plant::xplane::wire::radr::{self, RadarPoint, RadarPoint11, RadarRequest};
 use crate::plant::xplane::wire::rows::{
     self, DATA_OUTPUT, Destination, ISE4, ISE6, MAX_ROWS, Output, Row, Selection, decode_rows, encode_rows,
@@ -85,18 +84,6 @@ mod golden {
         let bytes = typed(&format!("4143464e 00 {body}"));
         assert_eq!((bytes.len(), encoded(|out| load.encode(out).unwrap())), (165, bytes.clone()));
         assert_eq!(Load::decode(&bytes), Ok(load));
-        let placement = Placement {
-            aircraft: 1,
-            latitude_deg: 28.25,
-            longitude_deg: -82.5,
-            elevation_m: 100.0,
-            heading_deg: 0.0,
-            speed_m_s: 0.0,
-        };
-        let both = LoadAndPlace { load, placement };
-        let bytes = typed(&format!("41435052 00 {body} 06000000 01000000 16*00 {PLACE} 16*00"));
-        assert_eq!((bytes.len(), encoded(|out| both.encode(out).unwrap())), (229, bytes.clone()));
-        assert_eq!(LoadAndPlace::decode(&bytes), Ok(both));
     }
 
     #[test]
@@ -108,18 +95,6 @@ mod golden {
         // Clients end it with a NUL, pad it, or do neither.
         for sent in [&bytes[..], &bytes[..bytes.len() - 1], &[&bytes[..], &[b' '; 100]].concat()] {
             assert_eq!(Command::decode(sent), Ok(command));
-        }
-        let situation = Situation { action: FileAction::LoadMovie, path: "Output/a.rep" };
-        let bytes = typed("53494d4f 00 03000000 4f75747075742f612e726570 140*00");
-        assert_eq!((bytes.len(), encoded(|out| situation.encode(out).unwrap())), (161, bytes.clone()));
-        assert_eq!(Situation::decode(&bytes), Ok(situation));
-        let alert = Alert { lines: ["a", "", "b", ""] };
-        let bytes = typed("414c5254 00 61 239*00 240*00 62 239*00 240*00");
-        assert_eq!((bytes.len(), encoded(|out| alert.encode(out).unwrap())), (965, bytes.clone()));
-        assert_eq!(Alert::decode(&bytes), Ok(alert));
-        for (end, tag) in End::ALL.into_iter().zip(["51554954", "53485554"]) {
-            let bytes = typed(&format!("{tag} 00"));
-            assert_eq!((encoded(|out| end.encode(out)), End::decode(&bytes)), (bytes, Ok(end)));
         }
     }
 
@@ -159,7 +134,6 @@ mod refused {
         }
         assert_eq!(RadarPoint11::decode(&point), Err(WireError::WrongSize));
         assert_eq!(Selection::decode(b"DSEL.abc"), Err(WireError::WrongSize));
-        assert_eq!(End::decode(b"QUIT.."), Err(WireError::WrongSize));
         assert_eq!(encode_rows(&[], &mut Vec::new()), Err(WireError::WrongSize));
         let row = Row { index: 0, values: [None; 8] };
         assert_eq!(encode_rows(&[row; MAX_ROWS + 1], &mut Vec::new()), Err(WireError::WrongSize));
@@ -177,7 +151,6 @@ mod refused {
         assert_eq!(moved("00000000", "0000000000c05640"), Some(WireError::OutOfRange));
         assert_eq!(moved("00000000", "000000000000f07f"), Some(WireError::NonFinite));
         assert_eq!(decode_rows(&typed("44415441 00 4*00 0000807f 28*00")), Err(WireError::NonFinite));
-        assert_eq!(Situation::decode(&typed("53494d4f 00 04000000 152*00")), Err(WireError::OutOfRange));
         let to =
             |address: &str, port: &str| Destination::decode(&typed(&format!("49534534 00 4*00 {address} {port} 4*00")));
         assert_eq!(to("16*00", "3430 6*00"), Err(WireError::NotText));
@@ -189,16 +162,13 @@ mod refused {
         let load = Load { aircraft: 0, path: &long, livery: 0 };
         assert_eq!(load.encode(&mut Vec::new()), Err(WireError::TooLong));
         assert_eq!(Load { path: "a\0", ..load }.encode(&mut Vec::new()), Err(WireError::NotText));
-        let alert = Alert { lines: ["", "", "", &"x".repeat(240)] };
-        assert_eq!(alert.encode(&mut Vec::new()), Err(WireError::TooLong));
     }
 }
 
 /// Bytes behind one of the tags, of the lengths that messages have and of others.
 fn any_datagram() -> impl Strategy<Value = Vec<u8>> {
-    let mut tags = vec![rows::TAG, ISE4, ISE6, ACFN, ACPR, CMND, SIMO, ALRT, radr::TAG];
+    let mut tags = vec![rows::TAG, ISE4, ISE6, ACFN, CMND, radr::TAG];
     tags.extend(Output::ALL.map(Output::tag));
-    tags.extend(End::ALL.map(End::tag));
     tags.extend([Physics::Stop, Physics::Continue].map(Physics::tag));
     let length = prop_oneof![0..60_usize, prop::sample::select(vec![1_usize, 33, 81, 41, 161, 225, 157, 961, 37])];
     // Small numbers, texts and noise.
@@ -240,11 +210,7 @@ proptest! {
         check!([ISE4, ISE6], Destination::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([*b"VEHX", *b"VEHS"], Move::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([ACFN], Load::decode, |it, out| it.encode(out));
-        check!([ACPR], LoadAndPlace::decode, |it, out| it.encode(out));
         check!([CMND], Command::decode, |it, out| it.encode(out));
-        check!([SIMO], Situation::decode, |it, out| it.encode(out));
-        check!([ALRT], Alert::decode, |it, out| it.encode(out));
-        check!(End::ALL.map(End::tag), End::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([radr::TAG], RadarRequest::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([radr::TAG], RadarPoint::decode, |it, out| { RadarPoint::encode(it, out); Ok::<_, WireError>(()) });
         check!([radr::TAG], RadarPoint11::decode, |it, out| { RadarPoint11::encode(it, out); Ok::<_, WireError>(()) });
@@ -279,19 +245,7 @@ proptest! {
             let load = Load { aircraft, path: &path, livery };
             let bytes = encoded(|out| load.encode(out).unwrap());
             prop_assert_eq!(Load::decode(&bytes), Ok(load));
-            let placement = Placement {
-                aircraft, latitude_deg, longitude_deg, elevation_m, heading_deg: heading_deg.into(), speed_m_s: 0.0,
-            };
-            let both = LoadAndPlace { load, placement };
-            let bytes = encoded(|out| both.encode(out).unwrap());
-            prop_assert_eq!(LoadAndPlace::decode(&bytes), Ok(both));
-            let situation = Situation { action: FileAction::ALL[nth], path: &path };
-            let bytes = encoded(|out| situation.encode(out).unwrap());
-            prop_assert_eq!(Situation::decode(&bytes), Ok(situation));
         }
-        let alert = Alert { lines: [&path, "", &path, "x"] };
-        let bytes = encoded(|out| alert.encode(out).unwrap());
-        prop_assert_eq!(Alert::decode(&bytes), Ok(alert));
         let point = RadarPoint {
             longitude_deg: heading_deg, latitude_deg: pitch_deg, base_m: roll_deg, top_m: 1.0, clouds: 0.5, precipitation: 0.0,
         };
