@@ -24,6 +24,11 @@ impl<Event> Schedule<Event> {
         self.events.insert((at_ns, self.planned), event);
     }
 
+    /// Plans an event for this time, behind all that [`Self::at`] has planned for it. Of those, a larger `rank` comes first.
+    pub fn last_at(&mut self, at_ns: u64, rank: u64, event: Event) {
+        self.events.insert((at_ns, u64::MAX - rank), event);
+    }
+
     /// Plans an event for so much later than now.
     pub fn after(&mut self, in_ns: u64, event: Event) {
         self.at(self.now_ns + in_ns, event);

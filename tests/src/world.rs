@@ -288,8 +288,8 @@ impl World {
     fn frame(&mut self, id: VehicleId) {
         let (t_ns, t_s, zero) = (self.schedule.now_ns, self.t_s(), self.parts.zero);
         let Some(computer) = self.computers.get_mut(&id) else { return };
-        self.queue
-            .insert((t_ns + (FRAME_NS / computer.plan.rate) as u64, u64::MAX - u64::from(id.get())), Event::Frame(id));
+        let next_ns = t_ns + (FRAME_NS / computer.plan.rate) as u64;
+        self.schedule.last_at(next_ns, id.get().into(), Event::Frame(id));
         if computer.is_suspended {
             return;
         }

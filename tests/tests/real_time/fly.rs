@@ -16,7 +16,6 @@ use serde_json::Value;
 use skein_cluster::endpoints;
 use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
 use skein_cluster::mesh::reach::Reach;
-use skein_common::id::VehicleId;
 use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Source, load};
 use skein_common::time::SenderStamp;

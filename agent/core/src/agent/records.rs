@@ -14,7 +14,6 @@ use crate::failsafe::{Condition, Conditions};
 use crate::formation::external::External;
 use crate::peers::PeerEstimate;
 use crate::plant::{Command, GroundTruth, PlantStatus};
-use crate::setpoint::Setpoint;
 
 impl Agent {
     /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself

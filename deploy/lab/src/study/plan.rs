@@ -24,7 +24,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use skein_common::scenario::{ControlMode, Described, SafetyFilter, Scenario};
+use skein_common::scenario::{ControlMode, SafetyFilter, Scenario};
 use skein_core::start::starts;
 use skein_host::external::is_external;
 use skein_host::external::protocol::Time;
