@@ -48,7 +48,7 @@ use skein_view::ViewArgs;
     after_help = "`skein COMMAND --help` explains a command. More, for experts: agent, replay, completions"
 )]
 pub struct Cli {
-    /// What to do
+    /// The command
     #[command(subcommand)]
     pub command: Command,
 }
@@ -75,7 +75,7 @@ pub enum Command {
     Order(OrderArgs),
     /// How the vehicles of a live swarm are, as they report it: on this PC or on a cluster
     Status(StatusArgs),
-    /// What would stop a flight: of a scenario, with the origin of every value; of a cluster; of this PC
+    /// Find what would stop a flight: of a scenario, with the origin of every value; of a cluster; of this PC
     Check(CheckArgs),
     /// Simulators: check an X-Plane, place its aircraft, release its controls, fit a helicopter, stand in for it
     #[command(
@@ -129,7 +129,7 @@ pub enum XplaneCommand {
 pub enum FilesCommand {
     /// Write a commented start: a scenario, a law, an aircraft, a cluster file, a study
     New(NewArgs),
-    /// What the keys of a scenario mean: kind, range, default and reason
+    /// Explain the keys of a scenario: kind, range, default and reason
     Explain(ExplainArgs),
     /// The scenarios that come with the program, and fly by their name
     Scenarios(ScenariosArgs),

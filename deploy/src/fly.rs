@@ -59,7 +59,7 @@ pub struct FlyArgs {
     /// The scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
-    /// What moves; the same as --set swarm.plant=...
+    /// Plant of the vehicles; the same as --set swarm.plant=...
     #[arg(long, value_enum)]
     pub plant: Option<PlantArg>,
     /// The X-Plane of vehicle 1; that of vehicle i is on the same host at PORT + 10·(i − 1). Or one for each vehicle, in the
@@ -140,7 +140,7 @@ impl FlyArgs {
 /// counts. With `--runs` it does so again with the next seed.
 ///
 /// # Errors
-/// What stands against the flight, such as a PC that does not carry so many agents; or a flight that never began, lost all its
+/// A reason against the flight, such as a PC that does not carry so many agents; or a flight that never began, lost all its
 /// vehicles, or did not end on the ground.
 pub fn run(args: &FlyArgs) -> Result<(), Error> {
     // A series may have begun in its folder; nothing is written there before all is checked.

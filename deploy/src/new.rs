@@ -20,12 +20,12 @@ use start::Start;
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:\n  skein files new scenario my-ring\n  skein files new law my-law --lang python")]
 pub struct NewArgs {
-    /// What to make
+    /// The file to make
     #[command(subcommand)]
     pub kind: NewKind,
 }
 
-/// What can be made.
+/// The files that can be made.
 #[derive(Clone, Debug, Subcommand)]
 pub enum NewKind {
     /// A scenario: a copy of a shipped one, to be changed

@@ -167,7 +167,7 @@ pub struct Report {
 #[derive(Clone, Debug)]
 pub struct Peers {
     own: VehicleId,
-    /// What was received of all vehicles. Records that other agents share contain the own messages too.
+    /// The records of all vehicles from which a message was received. Records that other agents share contain the own messages too.
     records: Arc<Records>,
     /// The round trips to each peer, and the delays that they give.
     trips: RoundTripTable,

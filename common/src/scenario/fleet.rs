@@ -119,7 +119,7 @@ fn fleet_to_toml(first: &Loaded, teams: &[Loaded]) -> String {
 /// `sets`, `team.3.formation.radius_m=50` is for team 3 alone.
 ///
 /// # Errors
-/// As [`load`](super::load), for the file and for each team.
+/// The errors of [`load`](super::load), for the file and for each team.
 pub fn load_any(source: &Source<'_>, sets: &[String]) -> Result<Described, ScenarioError> {
     let whole = Texts { kind: FileKind::Scenario, keys: KEYS, source, sets, part: Part::Whole };
     let mut root = whole.parse()?;

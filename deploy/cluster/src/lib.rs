@@ -66,7 +66,7 @@ use skein_lab::error::Error;
     after_help = "Examples:\n  skein cluster keys\n  skein cluster install\n  skein cluster up\n  skein cluster status --watch\n  skein cluster down"
 )]
 pub struct ClusterArgs {
-    /// What to do with the cluster
+    /// The command for the cluster
     #[command(subcommand)]
     pub command: ClusterCommand,
 }

@@ -70,7 +70,7 @@ struct FailedFlight<'a> {
 /// Flies this many times; `first` is the first flight, checked.
 ///
 /// # Errors
-/// What stands against the series; a flight that failed; or that the series ended early.
+/// A reason against the series; a flight that failed; or the early end of the series.
 pub fn fly(args: &FlyArgs, first: Plans, runs: u64, interrupts: &Interrupts) -> Result<(), Error> {
     let first = first.described.first().scenario.clone();
     if !ends(&first) {
@@ -169,7 +169,7 @@ fn end(args: &FlyArgs, plan: &SeriesPlan, early: Option<String>) -> Result<(), E
 /// Flies once.
 ///
 /// # Errors
-/// What stands against every flight of the series.
+/// A reason against every flight of the series.
 fn one(args: &FlyArgs, run: &PlannedRun<'_>, interrupts: &Interrupts) -> Result<FlightEnd, Error> {
     let (seed, out) = (Some(run.seed), Some(run.folder()));
     let args = FlyArgs { seed, out, runs: None, ..args.clone() };

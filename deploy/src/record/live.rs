@@ -53,7 +53,7 @@ impl Recorder {
     /// Creates the file of a fleet at `path`, which has places, events and faults.
     ///
     /// # Errors
-    /// As [`Self::begin`].
+    /// The errors of [`Self::begin`].
     pub(super) fn of_fleet(path: &Path, about: &RecordingInfo<'_>) -> Result<Self, RecordError> {
         Self::with(path, about, f64::INFINITY, true)
     }

@@ -96,7 +96,7 @@ const OTHER_UNITS: [(&str, &[&str]); 3] = [
 ///
 /// # Errors
 ///
-/// What contradicts the controller, with its place.
+/// A contradiction to the controller, with its place.
 pub(super) fn check(
     axis: &AxisSpec,
     file: &str,

@@ -75,7 +75,7 @@ impl Agreed {
     }
 }
 
-/// What holds for a peer at an instant; one bit each.
+/// The conditions that hold for a peer at an instant; one bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Status(u16);
 
@@ -209,7 +209,7 @@ impl Peer {
         }
     }
 
-    /// What holds for the peer now.
+    /// The conditions that hold for the peer now.
     pub(super) fn assess(&self, judgement: &Judgement) -> Status {
         let Judgement { now, stale_s, receives_all_states } = *judgement;
         let is_lost = self.lost_at.is_some();

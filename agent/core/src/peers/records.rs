@@ -25,11 +25,11 @@ pub(super) struct Motion {
     pub(super) heading_rad: f64,
     /// Arrival of the state.
     pub(super) at: LocalTime,
-    /// What the delay of the state depends on besides the round trips.
+    /// The part of the state's delay that does not depend on the round trips.
     pub(super) excess: Excess,
 }
 
-/// What a message changes of the round trips between its sender and one receiver.
+/// A change by a message of the round trips between its sender and one receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum TripChange {
     /// The sender has begun a new incarnation: earlier round trips are those of another agent.
@@ -278,7 +278,7 @@ impl Records {
         later.map(|(_, by)| *by).unwrap_or_default()
     }
 
-    /// What the last update changes of the round trips of vehicle `own`, in the order of arrival, among changes of others'.
+    /// The changes by the last update of the round trips of vehicle `own`, in the order of arrival, among changes of others'.
     pub(super) fn trip_changes(&self, own: VehicleId) -> &[TripChange] {
         if self.echoed.contains(own) { &self.trip_changes } else { &[] }
     }

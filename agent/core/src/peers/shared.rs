@@ -17,7 +17,7 @@ use super::records::Records;
 pub struct Broadcast<'a> {
     /// The messages.
     pub messages: &'a [PeerMessage],
-    /// What follows from the messages, for the vehicles that have received nothing else so far.
+    /// The records that follow from the messages, for the vehicles that have received nothing else so far.
     pub records: Option<&'a SharedRecords>,
 }
 

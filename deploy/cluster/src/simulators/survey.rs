@@ -127,7 +127,7 @@ impl Surveyor {
     /// and whether it is as wanted.
     ///
     /// # Errors
-    /// As [`Self::survey`].
+    /// The errors of [`Self::survey`].
     pub(crate) fn survey_until(
         &self,
         datarefs: &[String],
@@ -148,7 +148,7 @@ impl Surveyor {
     /// Whether all of these datarefs get this value soon.
     ///
     /// # Errors
-    /// As [`Self::survey`].
+    /// The errors of [`Self::survey`].
     pub fn reads(&self, paths: &[String], value: f32) -> Result<bool, Error> {
         let are_equal = |survey: &Survey| paths.iter().all(|path| survey.value(path) == Some(value));
         Ok(self.survey_until(paths, Duration::from_millis(500), WRITTEN_WITHIN, are_equal)?.1)

@@ -57,7 +57,7 @@ impl VehicleNow {
     }
 }
 
-/// What changes only now and then of a vehicle.
+/// The facts of a vehicle that change only now and then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Standing {
     id: VehicleId,

@@ -71,7 +71,7 @@ pub(super) struct TeamLine {
     pub(super) team: TeamId,
     /// The vehicle; null if a fault affects links.
     pub(super) vehicle: Option<VehicleId>,
-    /// What happened.
+    /// The event or fault as a text.
     pub(super) text: String,
     /// How severe it is.
     #[serde(default)]
