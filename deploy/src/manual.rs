@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use clap::Command;
 use clap_complete::Shell;
-use skein_lab::error::{Error, of_writing};
-use skein_lab::terminal::{draw, say};
+use skein_lab::error::Error;
+use skein_lab::terminal::{draw, of_writing, say};
 
 /// `skein completions`
 #[derive(Clone, Debug, clap::Args)]

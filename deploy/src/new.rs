@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Subcommand, ValueEnum};
-use skein_lab::error::{Error, of_writing};
+use skein_lab::error::Error;
 use skein_lab::scenario::quoted;
-use skein_lab::terminal::{say, what_next};
+use skein_lab::terminal::{of_writing, say, what_next};
 
 use skein_cluster::os;
 use start::Start;

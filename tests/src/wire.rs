@@ -61,7 +61,7 @@ pub struct Frames {
 }
 
 /// What happens at a time.
-enum Event {
+enum WireEvent {
     /// The simulator of this vehicle runs a frame.
     Frame(usize),
     /// A datagram arrives at the agent of this vehicle.
@@ -96,7 +96,7 @@ struct Vehicle {
 pub struct Swarm {
     vehicles: Vec<Vehicle>,
     origin: Origin,
-    schedule: Schedule<Event>,
+    schedule: Schedule<WireEvent>,
     /// The instant of time zero; only differences from it are used.
     zero: Instant,
     workspace: Workspace,
@@ -209,13 +209,13 @@ impl Swarm {
         };
         for nth in 0..swarm.vehicles.len() {
             let appeared = PeerMessage::Appeared(swarm.vehicles[nth].id);
-            swarm.schedule.after(DELAY_NS, Event::Message(nth, Box::new(appeared)));
+            swarm.schedule.after(DELAY_NS, WireEvent::Message(nth, Box::new(appeared)));
             // Simulators are not in step with each other.
-            swarm.schedule.after(nth as u64 * 3_000_000, Event::Frame(nth));
+            swarm.schedule.after(nth as u64 * 3_000_000, WireEvent::Frame(nth));
             swarm.renew(nth);
             swarm.plan_deadline(nth);
         }
-        swarm.schedule.after(0, Event::Observation);
+        swarm.schedule.after(0, WireEvent::Observation);
         swarm
     }
 
@@ -239,13 +239,13 @@ impl Swarm {
     pub fn run(&mut self) {
         while let Some(event) = self.schedule.next_until(u64::MAX) {
             match event {
-                Event::Frame(nth) => self.frame(nth),
-                Event::Datagram(nth, datagram) => self.receive(nth, &datagram),
-                Event::Deadline(nth, steps) if self.vehicles[nth].steps == steps => self.step(nth, None),
-                Event::Deadline(..) => {}
-                Event::Message(from, message) => self.deliver(from, *message),
-                Event::Observation => {
-                    self.schedule.after(OBSERVATION_NS, Event::Observation);
+                WireEvent::Frame(nth) => self.frame(nth),
+                WireEvent::Datagram(nth, datagram) => self.receive(nth, &datagram),
+                WireEvent::Deadline(nth, steps) if self.vehicles[nth].steps == steps => self.step(nth, None),
+                WireEvent::Deadline(..) => {}
+                WireEvent::Message(from, message) => self.deliver(from, *message),
+                WireEvent::Observation => {
+                    self.schedule.after(OBSERVATION_NS, WireEvent::Observation);
                     return;
                 }
             }
@@ -269,9 +269,9 @@ impl Swarm {
             simulator.end_frame(frame_s, |_, datagram| sent.push(datagram.to_vec()));
         }
         for datagram in sent {
-            self.schedule.after(DELAY_NS, Event::Datagram(nth, datagram));
+            self.schedule.after(DELAY_NS, WireEvent::Datagram(nth, datagram));
         }
-        self.schedule.after((frame_s * 1e9) as u64, Event::Frame(nth));
+        self.schedule.after((frame_s * 1e9) as u64, WireEvent::Frame(nth));
     }
 
     fn receive(&mut self, nth: usize, datagram: &[u8]) {
@@ -321,7 +321,7 @@ impl Swarm {
 
     fn plan_deadline(&mut self, nth: usize) {
         let timeout_ns = (TIMEOUT_PERIODS * self.vehicles[nth].client.frame_period_s() * 1e9) as u64;
-        self.schedule.after(timeout_ns, Event::Deadline(nth, self.vehicles[nth].steps));
+        self.schedule.after(timeout_ns, WireEvent::Deadline(nth, self.vehicles[nth].steps));
     }
 
     fn renew(&mut self, nth: usize) {
@@ -334,7 +334,7 @@ impl Swarm {
         let state = outbox.state.map(|state| ReceivedState::new(through_wire(&*state), &self.origin));
         let mission = outbox.mission.map(|mission| PeerMessage::Mission(through_wire(&*mission)));
         for message in state.map(PeerMessage::State).into_iter().chain(mission) {
-            self.schedule.after(DELAY_NS, Event::Message(nth, Box::new(message)));
+            self.schedule.after(DELAY_NS, WireEvent::Message(nth, Box::new(message)));
         }
     }
 

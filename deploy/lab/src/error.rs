@@ -62,16 +62,6 @@ impl Error {
     }
 }
 
-/// The text of an error of writing, with the remedy for a limit on file sizes, which any command that writes can meet.
-pub fn of_writing(error: &io::Error) -> String {
-    match error.kind() {
-        io::ErrorKind::FileTooLarge => {
-            format!("{error}; `ulimit -f unlimited` in this shell raises the limit on the sizes of files")
-        }
-        _ => error.to_string(),
-    }
-}
-
 /// An error together with the text of its file, for miette.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("{message}")]
@@ -84,6 +74,7 @@ struct Marked {
     #[source_code]
     text: NamedSource<String>,
 }
+
 #[cfg(test)]
 mod tests {
     use skein_common::scenario::{Source, load};
@@ -105,14 +96,6 @@ mod tests {
         for part in ["my.toml:4:1", "raduis_m = 80", "unknown key", "did you mean `formation.radius_m`?"] {
             assert!(drawn.contains(part), "{part} is missing in\n{drawn}");
         }
-    }
-
-    #[test]
-    fn a_limit_on_file_sizes_has_its_remedy() {
-        let text = of_writing(&io::ErrorKind::FileTooLarge.into());
-        assert_eq!(text, "file too large; `ulimit -f unlimited` in this shell raises the limit on the sizes of files");
-        let other = io::Error::other("a text with (os error 27)");
-        assert_eq!(of_writing(&other), "a text with (os error 27)");
     }
 
     #[test]

@@ -5,7 +5,8 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use crate::error::{Error, of_writing};
+use crate::error::Error;
+use crate::terminal::of_writing;
 use skein_common::printable::printable;
 use skein_host::atomic_file::{self, Durability};
 use skein_host::clock;

@@ -50,7 +50,7 @@ use std::time::Duration;
 use mcap::McapError;
 use skein_common::scenario::ScenarioError;
 
-use crate::error::of_writing;
+use crate::terminal::of_writing;
 
 pub use channels::{Channels, Sink};
 pub use csv::csv;

@@ -8,8 +8,6 @@ use comfy_table::Table;
 use serde::Serialize;
 use skein_common::printable::printable_lines;
 
-use crate::error::of_writing;
-
 /// Whether this stream is a terminal that obeys escape sequences. Programs that are not quite a terminal, such as a shell in an
 /// editor, name themselves by `TERM=dumb`; without a name a terminal of Unix is not known to obey.
 pub fn obeys_escapes(stream: &impl IsTerminal) -> bool {
@@ -121,9 +119,27 @@ pub fn draw(text: &str) {
     note(io::stdout().write_all(text.as_bytes()));
 }
 
+/// The text of an error of writing, with the remedy for a limit on file sizes, which any command that writes can meet.
+pub fn of_writing(error: &io::Error) -> String {
+    match error.kind() {
+        ErrorKind::FileTooLarge => {
+            format!("{error}; `ulimit -f unlimited` in this shell raises the limit on the sizes of files")
+        }
+        _ => error.to_string(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_limit_on_file_sizes_has_its_remedy() {
+        let text = of_writing(&ErrorKind::FileTooLarge.into());
+        assert_eq!(text, "file too large; `ulimit -f unlimited` in this shell raises the limit on the sizes of files");
+        let other = io::Error::other("a text with (os error 27)");
+        assert_eq!(of_writing(&other), "a text with (os error 27)");
+    }
 
     #[test]
     fn a_terminal_obeys_escape_sequences_unless_its_name_tells_that_it_does_not() {

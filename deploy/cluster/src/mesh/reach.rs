@@ -255,7 +255,8 @@ mod tests {
         let chosen = choose_unnamed(&runtime, cluster(false)).unwrap();
         assert!(matches!(&chosen, Place::Cluster(chosen) if chosen.nodes.len() == 2), "{chosen:?}");
 
-        let agent = TcpListener::bind("127.0.0.1:0").unwrap();
+        // At an address that no other test listens at: one of them might take the freed port.
+        let agent = TcpListener::bind(if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" }).unwrap();
         let there = Endpoints {
             swarm: SwarmName::new("hover").unwrap(),
             pid: 1,
