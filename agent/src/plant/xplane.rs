@@ -7,7 +7,7 @@
 //! | [`discovery`] | finds the X-Planes of a network |
 //! | [`placing`] | puts an aircraft to its vehicle's start |
 //! | [`client`] | the agent's side without socket and clock: subscriptions, frames, controls |
-//! | [`link`] | X-Plane as a [`Plant`](skein_core::plant::Plant) |
+//! | [`link`] | X-Plane as a [`Plant`] |
 //! | [`server`] | the simulator's side without sockets: subscriptions, datarefs, overrides |
 //! | [`standin`] | a headless X-Plane: the built-in helicopter behind that server |
 //!
