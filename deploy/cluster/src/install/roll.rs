@@ -1,6 +1,6 @@
 //! Restarts the vehicles that run something else than what is installed on their node now: one after the other lands,
-//! starts again and has to report over the mesh that it is an active member, before the next one lands. If a vehicle
-//! does not return, its earlier version is restored and the roll stops.
+//! starts again, has to report over the mesh that it is an active member, and takes off, before the next one lands. If a
+//! vehicle does not return, its earlier version is restored and the roll stops.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -60,6 +60,7 @@ pub(super) fn roll(
         // The scenario that it flies may be higher than the one that is installed now.
         let landing_s = inventory.landing_s().max(restart.landing_s);
         let incarnation = watch.incarnation(restart.node.id);
+        let flew = watch.flies(restart.node.id);
         let ask = |ask| done(&restart.host, remote.change(&restart.host, restart.node, ask));
         let mut comes_back = |line: &ProgressLine<'_>| {
             ask(Ask::Stop { within_s: landing_s })?;
@@ -67,8 +68,16 @@ pub(super) fn roll(
             ask(Ask::Start { run: restart.run, note: restart.note })?;
             let until = clock::now() + within;
             let missing = watch.ready(&BTreeMap::from([(restart.node.id, incarnation)]), |_| until, |_| {});
-            let why = || watch.lacks(restart.node.id, incarnation).unwrap_or_default();
-            if missing.is_empty() { Ok(()) } else { Err(format!("not ready within {timeout_s} s: {}", why())) }
+            if !missing.is_empty() {
+                let why = watch.lacks(restart.node.id, incarnation).unwrap_or_default();
+                return Err(format!("not ready within {timeout_s} s: {why}"));
+            }
+            // A climb takes no longer than a landing may take.
+            let until = clock::now() + within + Duration::from_secs_f64(landing_s);
+            if flew && !watch.has_taken_off(restart.node.id, incarnation, until) {
+                return Err(format!("ready, but not in the air again within {} s", timeout_s + landing_s));
+            }
+            Ok(())
         };
         line.say("landing, to be restarted");
         let came_back = comes_back(&line);

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
 use skein_common::id::{Incarnation, VehicleName};
-use skein_common::state::Membership;
+use skein_common::state::{Activity, Membership};
 
 use crate::mesh::observe::{Observers, TraceSubscription, VehicleView};
 use crate::mesh::reach::Reach;
@@ -85,6 +85,28 @@ impl Watch {
             let now = clock::now();
             if missing.iter().all(|id| now >= until(*id)) {
                 return missing;
+            }
+            clock::sleep(POLL_PERIOD);
+        }
+    }
+
+    /// Whether the vehicle flies as a member of the swarm, by its newest summary: it climbs, or is in formation, or holds.
+    pub fn flies(&self, id: VehicleName) -> bool {
+        use Activity::{Formation, Holding, TakingOff};
+        let activity = self.observers.view(id).and_then(|view| Some(view.summary.as_ref()?.facts.activity));
+        activity.is_some_and(|activity| matches!(activity, TakingOff | Formation | Holding))
+    }
+
+    /// Waits until the vehicle has taken off in an incarnation newer than `after`, at most until `until`. Returns whether it has.
+    pub fn has_taken_off(&mut self, id: VehicleName, after: Option<Incarnation>, until: Instant) -> bool {
+        loop {
+            self.observers.poll();
+            let summary = self.observers.view(id).and_then(|view| view.summary.as_ref());
+            let summary = summary.filter(|summary| after.is_none_or(|before| summary.header.incarnation > before));
+            let on_ground = |activity| matches!(activity, Activity::Joining | Activity::TakingOff);
+            let has = summary.is_some_and(|summary| !on_ground(summary.facts.activity));
+            if has || clock::now() >= until {
+                return has;
             }
             clock::sleep(POLL_PERIOD);
         }

@@ -347,7 +347,7 @@ impl Flight {
             |snapshot: &Snapshot| snapshot.vehicles.iter().map(|vehicle| vehicle.release.clone()).collect::<Vec<_>>();
         let old = releases(&sky.now());
         let begun_s = now_s();
-        let install = self.cluster("install", 240).succeeded();
+        let install = self.cluster("install", 600).succeeded();
         let done = install.json();
         let restarted = rows(&done).iter().filter_map(|row| row["restart_s"].as_f64()).collect::<Vec<_>>();
         assert_eq!(restarted.len(), usize::from(HOSTS), "{install}");
@@ -356,7 +356,8 @@ impl Flight {
         for snapshot in sky.since(begun_s) {
             let down: Vec<_> =
                 snapshot.vehicles.iter().filter(|vehicle| vehicle.height_m < OFF_M).map(|vehicle| vehicle.id).collect();
-            assert!(down.len() <= 1, "one after the other: {down:?} were down");
+            let events = || sky.events_since(begun_s);
+            assert!(down.len() <= 1, "one after the other: {down:?} were down at {} s: {:#?}", snapshot.at_s, events());
         }
         let check = self.lab.skein("check -f lab/cluster.toml --json", 60);
         let simulator = format!("aircraft at {}", fleet::place(ninth));
