@@ -108,6 +108,23 @@ fn steady_figures_use_the_last_hundred_seconds() {
 }
 
 #[test]
+fn the_share_of_the_fallback_is_that_of_the_vehicle_where_it_is_largest() {
+    let mut metrics = metrics("swarm.vehicles = 3");
+    let flown_by =
+        |n: u8, fallback_flies| VehicleNow { fallback_flies, ..vehicle(n, 120.0 * f64::from(n), 100.0, 30.0) };
+    assert_eq!(report(&metrics).fallback_share, None, "nothing was observed");
+    for (t_s, second) in [(0.1, false), (0.3, true), (0.5, false), (0.7, false)] {
+        metrics.observe(t_s, &[flown_by(1, Some(false)), flown_by(2, Some(second)), flown_by(3, None)]);
+    }
+    let left = VehicleNow { membership: Membership::Left, ..flown_by(2, Some(true)) };
+    metrics.observe(0.9, &[flown_by(1, Some(false)), left, flown_by(3, None)]);
+    let report = report(&metrics);
+    assert_eq!(report.fallback_share, Some(0.25), "not while it lands");
+    let shares: Vec<_> = report.vehicle.values().map(|vehicle| vehicle.fallback_share).collect();
+    assert_eq!(shares, [Some(0.0), Some(0.25), None]);
+}
+
+#[test]
 fn ages_and_steps_are_quantiles() {
     let mut metrics = metrics("swarm.vehicles = 2");
     assert_eq!(report(&metrics).peer_age_p50_ms, None);
