@@ -96,7 +96,8 @@ fn lines_that_are_not_json_are_not_passed_on() {
 
 #[test]
 fn replies_for_another_vehicle_or_tick_are_not_passed_on() {
-    let answers = [("1", "$tick"), ("2", "$((tick+1))"), ("2", "0")];
+    // On a busy PC the next tick may have been asked when the reply arrives, but never one so far ahead.
+    let answers = [("1", "$tick"), ("2", "$((tick+1000))"), ("2", "0")];
     let [vehicle, later, earlier] = answers.map(|(vehicle, tick)| answering(vehicle, tick, "[1,2,3]"));
     assert_no_replies(&[&vehicle, &later, &earlier]);
 }
