@@ -157,7 +157,7 @@ fn replay(mut reader: InputsReader<'_>, mut station: Station, args: &ReplayArgs)
         replayed.events.extend(outputs.outbox.happened.iter().map(|event| (at_s, *event)));
         let is_here = |place: &Break| place.is_here(at_s, &outputs.outbox.happened);
         if args.break_at.as_ref().is_some_and(is_here) {
-            // The plant's true state is no input of the core: it is not in the file.
+            // The file has the inputs of the core. The plant's true state is not one of them, so the trace has none.
             replayed.state = Some(station.trace(right, plant_time, &GroundTruth::default()));
         }
         if !step.has_outputs(&outputs) {

@@ -55,7 +55,7 @@ pub enum Rung {
 }
 
 impl Rung {
-    /// Describes the rung to a person who watches.
+    /// The text that describes the rung to the operator.
     pub fn text(self) -> &'static str {
         match self {
             Self::Watch => "waiting for a steady rotor",

@@ -7,9 +7,8 @@ use crate::id::VehicleId;
 use crate::scenario::law;
 
 /// Declares a table of a scenario file: the struct that the program reads, and the key of each field, with the kind of its
-/// value, its default and its meaning, which is the field's documentation too. The meaning ends with the reason for the default:
-/// `skein files explain` prints it for readers who have never seen the code. A field without a kind is a table or list of its
-/// own.
+/// value, its default and its meaning, which is the field's documentation too. The meaning ends with the reason for the default.
+/// `skein files explain` prints it, so it must be clear without the code. A field without a kind is itself a table or a list.
 macro_rules! keys {
     ($($(#[$about_table:meta])* pub struct $name:ident at $path:literal {
         $($(#[$about_field:meta])* $field:ident: $type:ty

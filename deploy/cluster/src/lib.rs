@@ -1,6 +1,6 @@
-//! The hosts of a swarm: installs an agent on each, starts the agents, shows their status, lands them and uninstalls them; and
-//! what each program beside a swarm needs to reach it, to observe it and to order it. None of it is in the control loop: the
-//! swarm flies on without the operator's PC.
+//! The hosts of a swarm: installs an agent on each, starts the agents, shows their status, lands them and uninstalls them.
+//! Programs beside a swarm also use it to reach, observe and order the vehicles. The control loop uses nothing of this crate, so
+//! the swarm flies on without the operator's PC.
 //!
 //! | module | contents |
 //! | --- | --- |

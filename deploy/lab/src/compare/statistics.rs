@@ -88,8 +88,8 @@ pub fn estimate(pairs: &[[f64; 2]], negligible: f64) -> Estimates {
     Estimates { one, other, difference, dominance }
 }
 
-/// The rank of those of `n` ordered values, counted from either end, that bound the exact interval of a median: as far
-/// inside as they may be. None of fewer than six do.
+/// The rank of those of `n` ordered values, counted from either end, that bound the exact interval of a median,
+/// which is as narrow as possible. `None` for fewer than six values, which have no such interval.
 fn rank(n: usize) -> Option<usize> {
     // The median lies below the k-th value if fewer than k lie below the median.
     (1..=n / 2).take_while(|k| sign_test(k - 1, n - (k - 1)) <= ALPHA).last()
