@@ -13,7 +13,6 @@
 mod beside;
 mod central;
 mod events;
-mod plants;
 mod script;
 mod vehicle;
 
@@ -39,13 +38,14 @@ use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState, SharedR
 use skein_core::plant::{Command, Controls, Frame, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
 use skein_core::strangers::StrangerState;
+use skein_host::blocks::Blocks;
 use skein_host::parallel::at_once;
 
 use crate::faults::{InjectedFault, LinkChanges};
 use crate::metrics::Totals;
 use central::Central;
 use events::Events;
-pub use plants::Blocks;
+
 use script::{Operator, ScriptedAction};
 use vehicle::{Arriving, Vehicle};
 

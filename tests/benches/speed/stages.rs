@@ -15,9 +15,10 @@ use skein_core::helicopter::TICK_S;
 use skein_core::mission::{MissionGoal, Task};
 use skein_core::peers::{Broadcast, Peers, SharedRecords};
 use skein_core::setpoint::Setpoint;
+use skein_host::blocks::Blocks;
 use skein_lab::metrics::{Metrics, Run};
 use skein_lab::study::{Study, measure};
-use skein_lab::world::{Blocks, World};
+use skein_lab::world::World;
 
 use crate::swarm::{RecordedFrame, Swarm, helicopters, plants};
 use crate::virtual_time::{SEED, SIZES};

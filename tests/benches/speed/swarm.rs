@@ -12,8 +12,9 @@ use skein_core::peers::{Broadcast, PeerMessage, ReceivedState, SharedRecords};
 use skein_core::plant::{Command, Controls, Measurement, PlantStatus};
 use skein_core::start::starts;
 use skein_core::station::{Clocks, Entering, Station};
+use skein_host::blocks::Blocks;
 use skein_lab::study::Study;
-use skein_lab::world::{Blocks, World};
+use skein_lab::world::World;
 
 /// A message as an agent sends it.
 pub(super) enum Sent {

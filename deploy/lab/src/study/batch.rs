@@ -5,12 +5,13 @@
 use std::num::NonZeroUsize;
 
 use skein_core::helicopter::TICK_S;
+use skein_host::blocks::Blocks;
 use skein_host::parallel::at_once;
 
 use super::flight::SeedFlight;
 use super::{Study, StudyError};
 use crate::metrics::{Metrics, Report};
-use crate::world::{Blocks, World};
+use crate::world::World;
 
 /// A world waits this long for its pilot to be ready, s.
 const READY_LIMIT_S: f64 = 60.0;

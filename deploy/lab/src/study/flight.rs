@@ -7,6 +7,7 @@ use std::num::NonZeroUsize;
 
 use skein_common::scenario::Scenario;
 use skein_core::helicopter::TICK_S;
+use skein_host::blocks::Blocks;
 use skein_host::clock::now;
 use skein_host::parallel::{Tasks, in_parallel_by};
 
@@ -14,7 +15,7 @@ use super::{JOIN_LIMIT_S, Stop, Study, StudyError, longest_s, measure};
 use crate::external::{LawPool, Laws};
 use crate::metrics::{Metrics, Report, Run, VehicleNow, Wall};
 use crate::recording::Watch;
-use crate::world::{Blocks, World};
+use crate::world::World;
 
 /// An observer of a flight, and the rate at which it is shown the vehicles' steps, Hz.
 pub(super) type Watched<'a> = Option<(&'a mut dyn Watch, f64)>;

@@ -1,4 +1,4 @@
-//! The flight models of one or more worlds, stepped in blocks of eight.
+//! The flight models of one or more worlds, stepped in blocks of eight with the widest vectors of this processor.
 
 use multiversion::multiversion;
 use skein_core::helicopter::{Block, BuiltInVehicle};
@@ -11,7 +11,7 @@ pub struct Blocks(Vec<Block>);
 
 impl Blocks {
     /// Number of vehicles in one block.
-    pub(super) const SIZE: usize = Block::SIZE;
+    pub const SIZE: usize = Block::SIZE;
 
     /// Advances each vehicle by one frame with its controls.
     pub fn advance<'a>(&mut self, vehicles: impl Iterator<Item = (&'a mut BuiltInVehicle, Option<Controls>)>) {
@@ -28,7 +28,7 @@ impl Blocks {
     }
 
     /// Whether blocks for this many vehicles have at most one lane in eight without a vehicle.
-    pub(crate) fn are_full(vehicles: usize) -> bool {
+    pub fn are_full(vehicles: usize) -> bool {
         let lanes = vehicles.next_multiple_of(Block::SIZE);
         vehicles > 0 && 8 * (lanes - vehicles) <= lanes
     }
