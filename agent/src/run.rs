@@ -15,7 +15,6 @@
 
 mod control;
 mod log;
-mod silence;
 pub mod simulated;
 mod timing;
 

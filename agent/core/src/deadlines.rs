@@ -6,11 +6,12 @@
 //! | `SimulatorLost` | last measurement | 2 s | local clock | no controls; the vehicle rejoins later |
 //! | `ClockJumped` | last step | 10 s | local clock | the elapsed time is not counted |
 //! | `StateOld` | peer's state sent | 0.5 s | local clock | the peer is stale |
-//! | `NeighbourSilent` | peer's state received | `network.peer_stale_s` | local clock | the peer leaves the formation |
-//! | `PeerLost` | any message of a peer received | `network.peer_stale_s` | local clock | the swarm does not wait for the peer |
+//! | `NeighbourSilent` | peer's state received | `network.peer_stale_s`, or twice of it | local clock | the peer leaves the formation |
+//! | `PeerLost` | any message of a peer received | half of `network.peer_stale_s` to twice of it | local clock | the swarm does not wait for the peer |
 //! | `ObstacleGone` | peer lost | 10 s | local clock | the peer stops being an obstacle |
 //! | `PeerGivenUp` | peer lost, or own start | 60 s | local clock | the peer counts as out of the mission |
-//! | `LeniencyOver` | own agent late | 10 s | local clock | the peers' silence limit is normal again |
+//! | `LinkProven` | peer found, or a heartbeat of it lost | 10 s | local clock | the peer's link counts as one that loses nothing |
+//! | `OverloadOver` | sign of overload | 10 s | local clock | the peers may be silent for half as long |
 //! | `RoundTripOld` | echo received | 60 s | local clock | the round trip bounds no delay |
 //! | `Listened` | first measurement | 2 s | local clock | the vehicle becomes an active member |
 //! | `AltitudeStuck` | no collective left | 20 s | plant time | the vehicle lands |
@@ -47,9 +48,10 @@ pub enum Deadline {
     ClockJumped,
     /// A peer's newest state is stale.
     StateOld,
-    /// A peer has sent no state for `network.peer_stale_s`, the given time, s.
+    /// A peer has sent no state for the given time, s: `network.peer_stale_s`, or twice of it on an overloaded computer.
     NeighbourSilent(f64),
-    /// A peer has sent no message for `network.peer_stale_s`, the given time, s.
+    /// A peer has sent no message for the given time, s, which follows from `network.peer_stale_s`, from the peer's link and
+    /// from the load of this computer.
     PeerLost(f64),
     /// A lost peer has flown away and stops being an obstacle.
     ObstacleGone,
@@ -57,8 +59,10 @@ pub enum Deadline {
     /// on a vehicle that has lost all peers counts itself as the only one left, and one with a single peer counts the
     /// two as all.
     PeerGivenUp,
-    /// The doubled silence limit of the peers ends. It applies after this vehicle's own agent was late.
-    LeniencyOver,
+    /// No heartbeat of a peer was lost for so long that its link counts as one that loses nothing.
+    LinkProven,
+    /// No sign of overload was seen for so long that peers may be silent for half as long as before.
+    OverloadOver,
     /// A round trip is too old to bound a delay, because clocks drift.
     RoundTripOld,
     /// The vehicle has listened to its peers and becomes an active member. A vehicle on the ground that has listened
@@ -97,7 +101,7 @@ impl Deadline {
             Self::NeighbourSilent(stale_s) | Self::PeerLost(stale_s) => stale_s,
             Self::ObstacleGone => 10.0,
             Self::PeerGivenUp => 60.0,
-            Self::LeniencyOver => 10.0,
+            Self::LinkProven | Self::OverloadOver => 10.0,
             Self::RoundTripOld => 60.0,
             Self::Listened => 2.0,
             Self::AltitudeStuck => 20.0,

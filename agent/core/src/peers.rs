@@ -37,6 +37,7 @@ mod near;
 mod peer;
 mod records;
 mod shared;
+mod timeout;
 
 use alloc::sync::Arc;
 use alloc::vec;
@@ -206,7 +207,7 @@ impl Peers {
     }
 
     /// Reports before the next step that this agent did not run for `for_s`: this time does not count as silence of the
-    /// peers, and for a while peers may be silent for longer.
+    /// peers, and for a while peers may be silent for longer (`timeout.rs`).
     pub fn did_not_run(&mut self, for_s: f64) {
         Arc::make_mut(&mut self.records).did_not_run(for_s);
     }
@@ -214,7 +215,8 @@ impl Peers {
     /// Takes the messages received since the last update.
     pub fn update(&mut self, now: LocalTime, received: &[Received], broadcast: Broadcast<'_>) {
         let shared = broadcast.records.filter(|_| received.is_empty());
-        if let Some(records) = shared.and_then(|shared| shared.following(&self.records, now)) {
+        let following = shared.and_then(|shared| shared.following(&self.records, now));
+        if let Some(records) = following.filter(|records| !records.differ_for(self.own)) {
             self.records = Arc::clone(records);
         } else {
             let is_own = |message: &PeerMessage| message.sender() == Some(self.own);

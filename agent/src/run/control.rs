@@ -15,7 +15,6 @@ use skein_common::topic::Cell;
 use tokio::sync::mpsc;
 
 use super::Stop;
-use super::silence::SilenceMonitor;
 use super::timing::{Timing, TimingSummary};
 use crate::external::LiveLaw;
 use crate::inputs::Recorder;
@@ -36,6 +35,9 @@ const TIMEOUT_PERIODS: f64 = 1.5;
 /// Time without a frame after which a simulator counts as ended. A simulator on an overloaded PC pauses for seconds,
 /// and its vehicle still has to be landed afterwards.
 const SIMULATOR_GONE_AFTER: Duration = Duration::from_secs(10);
+
+/// A pass that begins this long after the one before is late: the computer did not run the agent meanwhile, s.
+const LATE_S: f64 = 0.1;
 
 /// Time between two summaries, s.
 const SUMMARY_PERIOD_S: f64 = 0.1;
@@ -71,7 +73,6 @@ pub(super) struct Control {
 /// State kept from one pass of the control loop to the next.
 pub(super) struct LoopState {
     timing: Timing,
-    silence: SilenceMonitor,
     /// The inputs of this step, with room that is used again.
     pub(super) inputs: StepInputs,
     /// Why something that the external law sent was refused, until it is reported.
@@ -93,7 +94,6 @@ impl LoopState {
     pub(super) fn new(period: Duration, now: Instant) -> Self {
         Self {
             timing: Timing::new(period, now),
-            silence: SilenceMonitor::new(),
             inputs: StepInputs::default(),
             law_refusal: None,
             workspace: Workspace::default(),
@@ -197,9 +197,10 @@ impl Control {
     /// Collects what enters the station in this step: the frame, and what the link and the law received.
     pub(super) fn take_inputs(&mut self, frame: Option<&Frame>, woken: Instant, kept: &mut LoopState) {
         let (true_time, inputs) = (self.clock.at(woken), &mut kept.inputs);
-        inputs.right = true_time;
+        let before = std::mem::replace(&mut inputs.right, true_time);
+        let since_s = true_time.seconds_since(before);
+        inputs.did_not_run_s = (before > LocalTime::ZERO && since_s > LATE_S).then_some(since_s);
         self.link.drain(&mut inputs.received);
-        inputs.did_not_run_s = kept.silence.watch(true_time, &mut inputs.received);
         if self.neighbourhood.is_some() {
             self.link.drain_strangers(&mut inputs.strangers, &mut inputs.intents);
         }

@@ -5,6 +5,7 @@ use skein_common::message::Heartbeat;
 use skein_common::state::{Membership, PeerStatus};
 use skein_common::time::{LocalTime, SenderStamp};
 
+use super::timeout::SilenceTimeout;
 use super::{Change, Role};
 use crate::deadlines::Deadline;
 
@@ -35,6 +36,10 @@ pub(super) struct Peer {
     pub(super) received_at: Option<LocalTime>,
     pub(super) heartbeat: Option<KeptHeartbeat>,
     lost_at: Option<LocalTime>,
+    /// Whether it was lost by its silence alone: its token was there, and nothing was reported of the token since.
+    lost_by_silence: bool,
+    /// From when on its link counts as one that loses nothing, if no heartbeat is lost until then.
+    proven_at: LocalTime,
     /// Number of its messages that were dropped because a newer one had been received.
     pub(super) old: u64,
 }
@@ -148,8 +153,8 @@ impl Status {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Judgement {
     pub(super) now: LocalTime,
-    /// T_stale, s.
-    pub(super) stale_s: f64,
+    /// How long peers may be silent.
+    pub(super) timeout: SilenceTimeout,
     /// Whether the network graph passes every peer's states.
     pub(super) receives_all_states: bool,
 }
@@ -165,9 +170,21 @@ impl Peer {
             received_at: None,
             found: false,
             lost_at: None,
+            lost_by_silence: false,
+            proven_at: LocalTime::ZERO,
             old: 0,
             status: Status::default(),
         }
+    }
+
+    /// Takes whether its liveliness token is there.
+    pub(super) fn set_token(&mut self, is_there: bool) {
+        (self.token, self.lost_by_silence) = (Some(is_there), false);
+    }
+
+    /// Begins the time after which its link counts as one that loses nothing.
+    pub(super) fn prove_link_from(&mut self, at: LocalTime) {
+        self.proven_at = at.plus_seconds(Deadline::LinkProven.after_s());
     }
 
     /// Begins a new incarnation, of which nothing has been received.
@@ -194,30 +211,44 @@ impl Peer {
     /// Updates whether the peer is lost; returns a change to be reported.
     pub(super) fn age(&mut self, judgement: &Judgement) -> Option<Change> {
         let received_at = self.received_at?;
-        let Judgement { now, stale_s, .. } = *judgement;
-        let gone = self.token == Some(false) || Deadline::PeerLost(stale_s).is_past(now.seconds_since(received_at));
+        let now = judgement.now;
+        let silent = Deadline::PeerLost(self.silent_s(judgement)).is_past(now.seconds_since(received_at));
+        let gone = self.token == Some(false) || silent;
         if gone && self.lost_at.is_none() {
             self.lost_at = Some(now);
+            self.lost_by_silence = self.token != Some(false);
             // A peer that left the swarm on purpose is not reported as lost.
             (self.membership() != Membership::Left).then_some(Change::Lost(self.id))
         } else if !gone && (self.lost_at.is_some() || !self.found) {
             self.lost_at = None;
             self.found = true;
+            self.prove_link_from(received_at);
             Some(Change::Found(self.id))
         } else {
             None
         }
     }
 
+    /// Whether it was suspected so lately, by its silence alone, that a message of it shows that this was too early.
+    pub(super) fn is_doubtful(&self, judgement: &Judgement) -> bool {
+        let lost_s = self.lost_at.filter(|_| self.lost_by_silence).map(|at| judgement.now.seconds_since(at));
+        lost_s.is_some_and(|lost_s| judgement.timeout.is_soon(lost_s))
+    }
+
+    /// The time for which it may send nothing, s.
+    fn silent_s(&self, judgement: &Judgement) -> f64 {
+        judgement.timeout.silent_s(judgement.now >= self.proven_at)
+    }
+
     /// The conditions that hold for the peer now.
     pub(super) fn assess(&self, judgement: &Judgement) -> Status {
-        let Judgement { now, stale_s, receives_all_states } = *judgement;
+        let Judgement { now, timeout, receives_all_states } = *judgement;
         let is_lost = self.lost_at.is_some();
         let in_contact = self.found && !is_lost;
         let active = self.membership() == Membership::Active;
         let is_active_member = in_contact && active && self.flies_same_plan();
         let in_sight = receives_all_states || self.is_in_sight(judgement);
-        let is_silent = self.state.is_none_or(|last| is_silent(last.at, now, stale_s));
+        let is_silent = self.state.is_none_or(|last| is_silent(last.at, now, timeout.without_state_s()));
         let is_recent = |lost_at: LocalTime| !Deadline::PeerGivenUp.is_past(now.seconds_since(lost_at));
         let has_left = self.membership() == Membership::Left;
         let may_return = !has_left && self.lost_at.is_some_and(is_recent);
@@ -240,27 +271,31 @@ impl Peer {
 
     /// A time before which nothing of the status changes without a message.
     pub(super) fn unchanged_until(&self, judgement: &Judgement) -> LocalTime {
-        let Judgement { now, stale_s, .. } = *judgement;
+        let Judgement { now, timeout, .. } = *judgement;
         let mut until = LocalTime::MAX;
         let mut pending = |start: Option<LocalTime>, deadline: Deadline| {
             if let Some(start) = start.filter(|start| !deadline.is_past(now.seconds_since(*start))) {
                 until = until.min(start.plus_seconds(deadline.after_s() - ROUNDING_S));
             }
         };
-        pending(self.received_at.filter(|_| self.lost_at.is_none()), Deadline::PeerLost(stale_s));
-        pending(self.state.map(|last| last.at), Deadline::NeighbourSilent(stale_s));
+        let received_at = self.received_at.filter(|_| self.lost_at.is_none());
+        pending(received_at, Deadline::PeerLost(self.silent_s(judgement)));
+        pending(self.state.map(|last| last.at), Deadline::NeighbourSilent(timeout.without_state_s()));
         pending(self.lost_at, Deadline::PeerGivenUp);
+        if let Some(received_at) = received_at.filter(|_| now < self.proven_at) {
+            until = until.min(self.proven_at.max(received_at.plus_seconds(timeout.silent_s(true) - ROUNDING_S)));
+        }
         until
     }
 
     /// Whether its state is young, or was until the peer was lost.
     fn is_in_sight(&self, judgement: &Judgement) -> bool {
-        let Judgement { now, stale_s, .. } = *judgement;
+        let Judgement { now, timeout, .. } = *judgement;
         let Some(last) = self.state else { return false };
         match self.lost_at {
-            None => !is_silent(last.at, now, stale_s),
+            None => !is_silent(last.at, now, timeout.without_state_s()),
             // The last message may be a little younger than the last state.
-            Some(lost_at) => lost_at.seconds_since(last.at) <= stale_s + FRESH_S,
+            Some(lost_at) => lost_at.seconds_since(last.at) <= timeout.without_state_s() + FRESH_S,
         }
     }
 
@@ -285,6 +320,6 @@ pub(super) fn standing(age_s: f64) -> PeerStatus {
 }
 
 /// Whether a state that arrived at `at` is too old for a neighbour.
-fn is_silent(at: LocalTime, now: LocalTime, stale_s: f64) -> bool {
-    Deadline::NeighbourSilent(stale_s).is_past(now.seconds_since(at).max(0.0))
+fn is_silent(at: LocalTime, now: LocalTime, limit_s: f64) -> bool {
+    Deadline::NeighbourSilent(limit_s).is_past(now.seconds_since(at).max(0.0))
 }

@@ -13,8 +13,8 @@ use skein_common::time::LocalTime;
 use super::message::{PeerMessage, ReceivedState};
 use super::near::Travel;
 use super::peer::{Agreed, FRESH_S, Judgement, KeptHeartbeat, Peer, StateArrival, Status};
+use super::timeout::SilenceTimeout;
 use super::{Change, Report, index};
-use crate::deadlines::Deadline;
 use crate::delay::{DelayBase, Excess, since_stamp_s};
 
 /// The newest state of a vehicle, in the swarm's frame.
@@ -43,7 +43,6 @@ pub(super) enum TripChange {
 pub(super) struct Records {
     roster: u8,
     plan: u64,
-    stale_s: f64,
     /// Whether the network graph passes every peer's states.
     receives_all_states: bool,
     /// The vehicles of the whole swarm by id; empty before the first update.
@@ -84,8 +83,9 @@ pub(super) struct Records {
     /// The newest order of each key that an operator has set, with the vehicles whose heartbeats have repeated it.
     settings: Vec<(Order, VehicleSet)>,
     now: LocalTime,
-    /// End of the time in which peers may be silent for longer, because this computer was overloaded.
-    lenient_until: LocalTime,
+    timeout: SilenceTimeout,
+    /// Vehicles that the last update has found to be suspected too early.
+    suspected_too_early: VehicleSet,
     /// Time of the first update.
     first_update: Option<LocalTime>,
     forged: u64,
@@ -97,7 +97,6 @@ impl Records {
         Self {
             roster,
             plan,
-            stale_s: network.peer_stale_s,
             receives_all_states: network.graph == Graph::All,
             peers: Vec::new(),
             motions: Vec::new(),
@@ -122,7 +121,8 @@ impl Records {
             known_orders: StandingOrders::default(),
             settings: Vec::new(),
             now: LocalTime::ZERO,
-            lenient_until: LocalTime::ZERO,
+            timeout: SilenceTimeout::new(network.peer_stale_s),
+            suspected_too_early: VehicleSet::default(),
             first_update: None,
             forged: 0,
         }
@@ -156,8 +156,8 @@ impl Records {
     /// Whether these records and others hold nothing yet, and will hold the same after the same messages.
     pub(super) fn begins_like(&self, other: &Self) -> bool {
         let settings = |records: &Self| {
-            let &Self { roster, plan, stale_s, receives_all_states, first_update, lenient_until, .. } = records;
-            (roster, plan, stale_s, receives_all_states, first_update, lenient_until)
+            let &Self { roster, plan, receives_all_states, first_update, timeout, .. } = records;
+            (roster, plan, receives_all_states, first_update, timeout)
         };
         self.first_update.is_none() && settings(self) == settings(other)
     }
@@ -174,7 +174,7 @@ impl Records {
         self.reports.clear();
         self.orders.clear();
         self.trip_changes.clear();
-        (self.touched, self.moved, self.echoed) = Default::default();
+        (self.touched, self.moved, self.echoed, self.suspected_too_early) = Default::default();
         for (message, at) in messages {
             // Whatever the clock showed at its arrival, the message arrived between the two updates.
             self.receive(message, at.clamp(before, now));
@@ -190,7 +190,7 @@ impl Records {
         for peer in &mut self.peers {
             peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
         }
-        self.lenient_until = self.now.plus_seconds(for_s + Deadline::LeniencyOver.after_s());
+        self.timeout.was_late(self.now.plus_seconds(for_s));
         self.unchanged_until = LocalTime::ZERO;
     }
 
@@ -257,6 +257,12 @@ impl Records {
         self.fresh
     }
 
+    /// Whether the last update has found vehicle `own` to be suspected too early. No agent suspects itself, so the records of
+    /// that vehicle's agent are others from then on.
+    pub(super) fn differ_for(&self, own: VehicleId) -> bool {
+        self.suspected_too_early.contains(own)
+    }
+
     /// The changes of the last update, by id.
     pub(super) fn changes(&self) -> &[Change] {
         &self.changes
@@ -288,24 +294,25 @@ impl Records {
         self.forged
     }
 
-    fn judgement(&self) -> Judgement {
-        let Self { now, receives_all_states, .. } = *self;
-        let stale_s = if now < self.lenient_until { 2.0 * self.stale_s } else { self.stale_s };
-        Judgement { now, stale_s, receives_all_states }
-    }
-
     /// Judges the vehicles that messages have touched, or all of them if a deadline may have passed.
     fn judge(&mut self) {
-        let judgement = self.judgement();
-        let is_due = self.now >= self.unchanged_until;
+        let is_due = self.timeout.pass(self.now) || self.now >= self.unchanged_until;
+        let Self { now, timeout, receives_all_states, .. } = *self;
+        let judgement = Judgement { now, timeout, receives_all_states };
         if is_due {
-            self.unchanged_until = if self.now < self.lenient_until { self.lenient_until } else { LocalTime::MAX };
+            self.unchanged_until = LocalTime::MAX;
         }
         let mut is_relisted = is_due;
         let judged = if is_due { self.known } else { self.touched };
         for id in judged.iter() {
             let Some(peer) = self.peers.get_mut(index(id)) else { continue };
-            self.changes.extend(peer.age(&judgement));
+            let is_doubtful = peer.is_doubtful(&judgement);
+            let change = peer.age(&judgement);
+            if is_doubtful && matches!(change, Some(Change::Found(_))) {
+                self.timeout.suspected_too_early(now);
+                self.suspected_too_early.insert(id);
+            }
+            self.changes.extend(change);
             let status = peer.assess(&judgement);
             self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement));
             let differing = core::mem::replace(&mut peer.status, status).differing(status);
@@ -316,6 +323,10 @@ impl Records {
             }
         }
         self.relistings += u64::from(is_relisted);
+        if !self.suspected_too_early.is_empty() {
+            // Other peers may have been suspected too early as well.
+            self.unchanged_until = LocalTime::ZERO;
+        }
     }
 
     fn update_fresh(&mut self) {
@@ -362,7 +373,7 @@ impl Records {
             PeerMessage::Mission(message) => self.receive_heartbeat(message, at),
             PeerMessage::Appeared(id) | PeerMessage::Vanished(id) => {
                 if let Some(peer) = self.peers.get_mut(index(*id)) {
-                    peer.token = Some(matches!(message, PeerMessage::Appeared(_)));
+                    peer.set_token(matches!(message, PeerMessage::Appeared(_)));
                     self.known.insert(*id);
                     self.touched.insert(*id);
                 }
@@ -402,6 +413,9 @@ impl Records {
             return;
         }
         let progress_m = message.progress_m;
+        if peer.heartbeat.is_some_and(|last| last.sequence + 1 < sequence) {
+            peer.prove_link_from(at);
+        }
         let last = peer.heartbeat.replace(KeptHeartbeat { sequence, stamp, at, progress_m, agreement });
         let (id, is_changed) = (peer.id, last.map(|last| last.agreement) != Some(agreement));
         self.revision += u64::from(is_changed);

@@ -9,6 +9,7 @@ use crate::tests::{self as testing, heartbeat, id, origin, progress, received_st
 
 mod ages;
 mod plain;
+mod timeout;
 
 fn header(sender: u8, incarnation: u64, sequence: u64) -> Header {
     Header { incarnation: Incarnation(incarnation), ..testing::header(sender, sequence) }

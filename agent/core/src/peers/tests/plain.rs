@@ -18,6 +18,9 @@ struct PlainPeer {
     received_at: Option<LocalTime>,
     found: bool,
     lost_at: Option<LocalTime>,
+    lost_by_silence: bool,
+    /// When it was found, or its last missing heartbeat was noticed.
+    link_failed: Option<LocalTime>,
 }
 
 /// The plain stage of the own vehicle.
@@ -28,7 +31,11 @@ struct Plain {
     exchange: Exchange,
     now: LocalTime,
     first: Option<LocalTime>,
-    lenient_until: LocalTime,
+    /// 0 while this computer keeps up, 1 and 2 after signs of overload.
+    level: u8,
+    calm_since: LocalTime,
+    /// Number of peers that the last update has found to be suspected too early.
+    early: u8,
     alone_since: Option<LocalTime>,
 }
 
@@ -41,29 +48,30 @@ impl Plain {
             exchange: Exchange::default(),
             now: LocalTime::ZERO,
             first: None,
-            lenient_until: LocalTime::ZERO,
+            level: 0,
+            calm_since: LocalTime::ZERO,
+            early: 0,
             alone_since: None,
         }
     }
 
     fn stale_s(&self) -> f64 {
-        if self.now < self.lenient_until { 2.0 * self.stale_s } else { self.stale_s }
+        if self.level == 2 { 2.0 * self.stale_s } else { self.stale_s }
     }
 
     fn did_not_run(&mut self, for_s: f64) {
         for peer in &mut self.peers {
             peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
         }
-        self.lenient_until = self.now.plus_seconds(for_s + 10.0);
+        (self.level, self.calm_since, self.early) = (2, self.now.plus_seconds(for_s), 0);
     }
 
     fn begin(&mut self, header: &Header) -> Option<&mut PlainPeer> {
         let nth = usize::from(header.sender.get()) - 1;
         let peer = self.peers.get_mut(nth).filter(|_| nth + 1 != usize::from(OWN))?;
         if header.incarnation.0 > peer.incarnation {
-            let PlainPeer { token, received_at, found, lost_at, .. } = *peer;
-            let incarnation = header.incarnation.0;
-            *peer = PlainPeer { incarnation, token, received_at, found, lost_at, ..PlainPeer::default() };
+            (peer.incarnation, peer.state, peer.heartbeat) = (header.incarnation.0, None, None);
+            peer.delay = RoundTrips::default();
         }
         (header.incarnation.0 == peer.incarnation).then_some(peer)
     }
@@ -78,8 +86,12 @@ impl Plain {
             }
             PeerMessage::Mission(heartbeat) => {
                 let Some(peer) = self.begin(&heartbeat.header) else { return };
-                if peer.heartbeat.is_some_and(|(last, _)| last.header.sequence >= heartbeat.header.sequence) {
+                let last = peer.heartbeat.map(|(last, _)| last.header.sequence);
+                if last >= Some(heartbeat.header.sequence) {
                     return;
+                }
+                if last.is_some_and(|last| last + 1 < heartbeat.header.sequence) {
+                    peer.link_failed = Some(at);
                 }
                 (peer.heartbeat, peer.received_at) = (Some((*heartbeat, at)), Some(at));
                 let echo = heartbeat.echo.filter(|echo| echo.of == id(OWN));
@@ -92,7 +104,7 @@ impl Plain {
             PeerMessage::Appeared(peer) | PeerMessage::Vanished(peer) => {
                 let nth = usize::from(peer.get()) - 1;
                 if let Some(peer) = self.peers.get_mut(nth).filter(|_| nth + 1 != usize::from(OWN)) {
-                    peer.token = Some(matches!(message, PeerMessage::Appeared(_)));
+                    (peer.token, peer.lost_by_silence) = (Some(matches!(message, PeerMessage::Appeared(_))), false);
                 }
             }
             PeerMessage::Order(_) => {}
@@ -101,19 +113,30 @@ impl Plain {
 
     /// Takes the messages and returns the changes.
     fn update(&mut self, now: LocalTime, received: &[PeerMessage]) -> Vec<Change> {
+        if self.early > 0 {
+            (self.level, self.calm_since, self.early) = ((self.level + self.early).min(2), self.now, 0);
+        }
         self.now = now;
         self.first.get_or_insert(now);
         received.iter().for_each(|message| self.receive(message, now));
-        let stale_s = self.stale_s();
+        if self.level > 0 && now.seconds_since(self.calm_since) > 10.0 {
+            (self.level, self.calm_since) = (self.level - 1, now);
+        }
+        let (stale_s, level) = (self.stale_s, self.level);
         let mut changes = Vec::new();
         for (peer, id) in self.peers.iter_mut().zip(VehicleId::first(250)) {
             let Some(received_at) = peer.received_at else { continue };
-            let gone = peer.token == Some(false) || now.seconds_since(received_at) > stale_s;
+            let is_proven = peer.link_failed.is_none_or(|at| now.seconds_since(at) >= 10.0);
+            let limit_s = stale_s * [if is_proven { 0.5 } else { 1.0 }, 1.0, 2.0][usize::from(level)];
+            let gone = peer.token == Some(false) || now.seconds_since(received_at) > limit_s;
             if gone && peer.lost_at.is_none() {
                 peer.lost_at = Some(now);
+                peer.lost_by_silence = peer.token != Some(false);
                 changes.extend((peer.membership() != Membership::Left).then_some(Change::Lost(id)));
             } else if !gone && (peer.lost_at.is_some() || !peer.found) {
-                (peer.lost_at, peer.found) = (None, true);
+                self.early +=
+                    u8::from(peer.lost_by_silence && peer.lost_at.is_some_and(|at| now.seconds_since(at) <= stale_s));
+                (peer.lost_at, peer.found, peer.link_failed) = (None, true, Some(received_at));
                 changes.push(Change::Found(id));
             }
         }
