@@ -165,7 +165,8 @@ impl Standin {
     /// Carries out what clients of the Web API ask for.
     fn serve(&mut self) {
         let Self { simulator, web, .. } = self;
-        if let Some(web) = web {
+        // Before its first frame the simulator has no values: what is asked for waits.
+        if let Some(web) = web.as_mut().filter(|_| simulator.server().has_values()) {
             web.serve(simulator.starts(), |task| simulator.serve(task));
         }
     }

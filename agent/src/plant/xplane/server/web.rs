@@ -94,6 +94,11 @@ impl Server {
         }
     }
 
+    /// Whether a frame has been simulated, so that datarefs have values.
+    pub fn has_values(&self) -> bool {
+        self.situation.is_some()
+    }
+
     /// Number of elements of a dataref of this version.
     pub fn elements(&self, dataref: &Dataref) -> usize {
         dataref.elements(self.version.engines())
