@@ -20,7 +20,7 @@ keys! {
         state_max_period_s: f64 = from(0.02, 10.0), number(0.2),
             "longest time between two states of a vehicle, whatever their error; the state is also the sign of life";
         peer_stale_s: f64 = from(0.1, 600.0), number(2.0),
-            "silence T_stale of a peer from which on its state is not used and the peer is lost, after half of it over a link that loses nothing; 2 s make false suspicions rare at 30 % loss";
+            "silence T_stale after which a peer leaves the formation and is lost, half of it where no message is lost; 2 s make false suspicions rare at 30 % loss";
         loss: f64 = from(0.0, 1.0), number(0.0),
             "share of messages that are lost; by default the network is perfect", unit_is("1");
         burst_s: Option<f64> = above_zero_or("none", 60.0), text("none"),
