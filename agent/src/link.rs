@@ -20,7 +20,6 @@ mod sessions;
 pub mod signature;
 pub(crate) mod simulated;
 mod strangers;
-mod traffic;
 mod trust;
 mod tunnel;
 
@@ -30,42 +29,37 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use serde_json::{Value, json};
-use skein_common::frame::Origin;
 use skein_common::id::{SwarmName, VehicleId, VehicleName};
-use skein_common::message::{Drops, Heartbeat, Message, Order, Reason};
+use skein_common::message::{Drops, Heartbeat, Message, Order, Reason, Traffic};
 use skein_common::time::LocalTime;
 use skein_common::topic::{Author, Branch, Cell, Topic, all};
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
-use zenoh::query::Queryable;
+use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Config, Session, Wait};
 
-use clocks::Clocks;
-pub use clocks::{CLOCK_QUERY_PERIOD, Utc};
-pub use health::HealthPublisher;
+pub use clocks::CLOCK_QUERY_PERIOD;
+pub use health::{HealthPublisher, Utc};
 use inbox::Inbox;
 pub use outgoing::Messages;
 use outgoing::Outgoing;
 use presence::{Change, Presence, watch_tokens};
 pub use publisher::MessagePublisher;
-use publishing::{Network, Published, Publishing};
-use queries::LastHeartbeat;
 pub use security::Security;
 pub use sessions::Sessions;
-use signature::SigningKey;
-use signature::messages::KeyRing;
+use signature::messages::Verified;
+use signature::orders::Checker;
 use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_core::strangers::StrangerState;
 use skein_host::clock::{LocalClock, now, sleep_until};
 use strangers::{StrangerInbox, SubscribedCells};
-use traffic::Traffic;
 pub use trust::Trust;
-use trust::Verifier;
 
 /// Environment variable that sets Zenoh's threads. Zenoh reads it once, at the start of the process.
 pub const ZENOH_RUNTIME: &str = "ZENOH_RUNTIME";
@@ -243,8 +237,9 @@ impl Link {
         let sessions = sessions.into();
         let branch = trust.branch();
         let receiver = LinkReceiver::new(own, trust, sessions.presence());
-        let last_heartbeat = LastHeartbeat::default();
-        let queryables = last_heartbeat.answer_queries(&sessions, branch.key(&Topic::Mission(own)))?;
+        let answering = receiver.clone();
+        let last_heartbeat = move |_: &Query| answering.last_heartbeat();
+        let queryables = queries::answer_queries(&sessions, branch.key(&Topic::Mission(own)), last_heartbeat)?;
         watch_presence(&sessions, own, &receiver, clock)?;
         for session in &sessions.all {
             subscribe(session, &branch.all(all::STATES), &receiver, clock)?;
@@ -260,7 +255,6 @@ impl Link {
         let summary_is_wanted = summary.publishers.iter().map(watch_matching).collect::<Result<_, _>>()?;
         let mission = MessagePublisher::open(&sessions, &receiver, &Topic::Mission(own), Priority::InteractiveHigh)?;
         let event = MessagePublisher::open(&sessions, &receiver, &Topic::Event(own), Priority::DataHigh)?;
-        let mut publishing = Publishing::new(receiver.clone(), own, last_heartbeat);
         let mut network = ZenohNetwork {
             receiver: receiver.clone(),
             sessions: sessions.clone(),
@@ -272,7 +266,12 @@ impl Link {
             trace,
             summary,
         };
-        let send = move |waiting: &mut _| publishing.send(waiting, &mut network);
+        let send = move |waiting: &mut Messages| {
+            if let Some(cells) = waiting.cells.take() {
+                network.subscribe(&cells);
+            }
+            network.receiver.publish(waiting, |topic, key, bytes| network.put(topic, key, bytes));
+        };
         let outgoing = Outgoing::start(send).map_err(LinkError::Thread)?;
         let alive = branch.key(&Topic::Alive(own));
         let token = |session: &Arc<Session>| {
@@ -315,10 +314,7 @@ impl Link {
     /// # Errors
     /// If a session is closed.
     pub fn health(&self, utc: Utc) -> Result<HealthPublisher, LinkError> {
-        let publisher =
-            MessagePublisher::open(&self.sessions, &self.receiver, &Topic::Health(self.own), Priority::DataHigh)?;
-        let clocks = Clocks::open(&self.sessions, &self.receiver, self.own, utc)?;
-        Ok(HealthPublisher { publisher, clocks, live: Vec::new() })
+        HealthPublisher::open(self, utc)
     }
 
     /// Number of messages dropped so far, by reason.
@@ -355,30 +351,29 @@ struct ZenohNetwork {
     summary: MessagePublisher,
 }
 
-impl Network for ZenohNetwork {
-    /// Zenoh may block the thread for a slow peer.
-    fn put(&mut self, what: Published, key: &str, bytes: Vec<u8>) {
-        match what {
-            Published::State => self.put_in_cell(key, bytes, Priority::RealTime, true, Reliability::BestEffort),
-            Published::Intent => {
+impl ZenohNetwork {
+    /// Publishes a message with the quality of service of its topic. Zenoh may block the thread for a slow peer.
+    fn put(&self, topic: Topic, key: &str, bytes: Vec<u8>) {
+        match topic {
+            Topic::State(..) => self.put_in_cell(key, bytes, Priority::RealTime, true, Reliability::BestEffort),
+            Topic::Intent(..) => {
                 self.put_in_cell(key, bytes, Priority::InteractiveHigh, false, Reliability::default());
             }
-            Published::Heartbeat => self.mission.put(bytes),
-            Published::Event => self.event.put(bytes),
-            Published::Trace => self.trace.put(bytes),
-            Published::Summary => self.summary.put(bytes),
+            Topic::Event(_) => self.event.put(bytes),
+            Topic::Trace(_) => self.trace.put(bytes),
+            Topic::Summary(_) => self.summary.put(bytes),
+            _ => self.mission.put(bytes),
         }
     }
 
+    /// Subscribes to the states and intents of other teams in these cells, and in no others.
     fn subscribe(&mut self, cells: &[Cell]) {
         self.cells.set(cells, &self.sessions.all, &self.receiver, self.clock);
     }
-}
 
-impl ZenohNetwork {
     /// Publishes under the key of a cell. Cells change, so no publisher is declared.
     fn put_in_cell(&self, key: &str, bytes: Vec<u8>, priority: Priority, express: bool, reliability: Reliability) {
-        self.receiver.traffic.sent.add(bytes.len());
+        count(&self.receiver.sent, bytes.len());
         let bytes = ZBytes::from(bytes);
         for session in self.sessions.published() {
             let put = session.put(key, bytes.clone()).congestion_control(CongestionControl::Drop).priority(priority);
@@ -394,32 +389,34 @@ struct LinkReceiver {
     own: VehicleId,
     /// The part of the key space that belongs to the own swarm.
     branch: Branch,
-    /// Origin of the swarm's frame.
-    origin: Origin,
+    trust: Trust,
+    /// Verifies orders, if they have to be signed.
+    orders: Option<Checker>,
     inbox: Inbox,
     strangers: StrangerInbox,
-    traffic: Traffic,
-    verifier: Verifier,
+    /// Messages that were sent, and their bytes without Zenoh's framing. A message on several links counts once.
+    sent: Mutex<Traffic>,
+    /// Messages that were received, those that were refused included.
+    received: Mutex<Traffic>,
     presence: Arc<Presence>,
-    key_ring: KeyRing,
-    signing_key: Option<Arc<SigningKey>>,
+    /// The last own heartbeat, with which an agent answers the queries of agents that start late.
+    last_heartbeat: Mutex<Vec<u8>>,
 }
 
 impl LinkReceiver {
     fn new(own: VehicleId, trust: Trust, presence: Arc<Presence>) -> Arc<Self> {
-        let (branch, origin) = (trust.branch(), trust.origin);
-        let (key_ring, signing_key) = (trust.key_ring.clone(), trust.signing_key.clone());
+        let branch = trust.branch();
         Arc::new(Self {
             own,
             branch,
-            origin,
+            orders: trust.orders.map(|key| Checker::new(key, trust.swarm.clone(), branch)),
+            trust,
             inbox: Inbox::new(),
-            strangers: StrangerInbox::new(origin),
-            traffic: Traffic::default(),
-            verifier: Verifier::new(own, trust),
+            strangers: StrangerInbox::default(),
+            sent: Mutex::default(),
+            received: Mutex::default(),
             presence,
-            key_ring,
-            signing_key,
+            last_heartbeat: Mutex::default(),
         })
     }
 
@@ -427,34 +424,48 @@ impl LinkReceiver {
     /// The link subscribes to states, heartbeats and orders only.
     fn receive(&self, key: &str, bytes: &[u8], at: LocalTime) {
         match self.branch.own(key) {
-            Some(Topic::State(..)) => {
-                self.receive_as(key, bytes, at, |state| PeerMessage::State(ReceivedState::new(state, &self.origin)));
-            }
+            Some(Topic::State(..)) => self
+                .receive_as(key, bytes, at, |state| PeerMessage::State(ReceivedState::new(state, &self.trust.origin))),
             Some(Topic::Order(_)) => self.receive_as::<Order>(key, bytes, at, PeerMessage::Order),
             _ => self.receive_as::<Heartbeat>(key, bytes, at, PeerMessage::Mission),
         }
     }
 
     fn receive_as<M: Message>(&self, key: &str, bytes: &[u8], at: LocalTime, message: impl Fn(M) -> PeerMessage) {
-        self.traffic.received.add(bytes.len());
-        match self.branch.own(key).map(|topic| topic.author()) {
-            // Replayed by another node, or delivered while the sender's link broke.
-            Some(Author::Vehicle(id)) if !self.presence.may_send(self.branch.name(id)) => {
-                self.inbox.refusals.refuse(Reason::Old, key, &"its sender has no link");
-            }
-            _ => match self.key_ring.read::<M>(key, bytes) {
-                Ok(verified) => self.store(key, message(verified.message), verified.run, at),
-                Err(error) => self.inbox.refusals.refuse(error.reason(), key, &error),
-            },
+        let sender = match self.branch.own(key).map(|topic| topic.author()) {
+            Some(Author::Vehicle(id)) => Some(self.branch.name(id)),
+            _ => None,
+        };
+        if let Some(verified) = self.verified(key, bytes, sender) {
+            self.store(key, message(verified.message), verified.run, at);
         }
+    }
+
+    /// Decodes a message and verifies its sender; a message that is refused is counted. `sender` is the vehicle of the key, if the
+    /// key has one.
+    fn verified<M: Message>(&self, key: &str, bytes: &[u8], sender: Option<VehicleName>) -> Option<Verified<M>> {
+        count(&self.received, bytes.len());
+        let refusals = &self.inbox.refusals;
+        // Replayed by another node, or delivered while the sender's link broke.
+        if sender.is_some_and(|name| !self.presence.may_send(name)) {
+            refusals.refuse(Reason::Old, key, &"its sender has no link");
+            return None;
+        }
+        let read = self.trust.key_ring.read(key, bytes);
+        read.map_err(|error| refusals.refuse(error.reason(), key, &error)).ok()
     }
 
     /// Stores a message if the trust rules accept it. `run` is the run of the swarm in its signature, if it has one.
     fn store(&self, key: &str, message: PeerMessage, run: Option<u64>, at: LocalTime) {
         let refused = |reason: Reason| self.inbox.refusals.refuse(reason, key, &reason);
-        if let Some(message) = self.verifier.accept(message, run, refused) {
+        if let Some(message) = self.accept(message, run, refused) {
             self.inbox.store(key, Received { message, at });
         }
+    }
+
+    /// The reply to a peer that queries the last heartbeat; `None` before the first heartbeat.
+    fn last_heartbeat(&self) -> Option<Vec<u8>> {
+        Some(self.last_heartbeat.lock().clone()).filter(|bytes| !bytes.is_empty())
     }
 
     /// Takes a change of the vehicles that are up.
@@ -475,8 +486,15 @@ impl LinkReceiver {
 
     /// Encodes one of the own messages, with a signature where messages are signed.
     fn write(&self, key: &str, message: &impl Message) -> Vec<u8> {
-        self.key_ring.write(self.signing_key.as_deref(), self.verifier.run(), key, message)
+        self.trust.key_ring.write(self.trust.signing_key.as_deref(), self.trust.run, key, message)
     }
+}
+
+/// Counts a message of this size.
+fn count(traffic: &Mutex<Traffic>, bytes: usize) {
+    let mut traffic = traffic.lock();
+    traffic.messages += 1;
+    traffic.bytes += bytes as u64;
 }
 
 /// Follows whether this publisher has subscribers.

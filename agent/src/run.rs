@@ -43,13 +43,14 @@ use crate::link::{
 };
 use crate::plant::PlantError;
 use crate::unix;
-use control::Control;
+use control::{Control, LoopState};
 use skein_core::energy::Energy;
 use skein_core::formation::UnsupportedScenario;
 use skein_core::neighbourhood::Neighbourhood;
 use skein_core::station::{Clocks, Station};
-use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, utc_nanoseconds};
+use skein_host::clock::{LocalClock, new_incarnation, next_incarnation, now, sleep, utc_nanoseconds};
 use skein_host::external::ExternalError;
+use timing::Timing;
 
 /// Environment variable with the name of the installed release.
 pub const RELEASE: &str = "SKEIN_RELEASE";
@@ -195,6 +196,7 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         None => (None, None),
     };
     tokio.spawn(publish_health(link.health(utc_nanoseconds)?, reports));
+    let period = Duration::from_secs_f64(plant.frame_period_s());
     let control = Control {
         station,
         plant,
@@ -212,6 +214,8 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         health,
         recorder,
         energy: Energy::new(node.aircraft.battery.map(|battery| battery.capacity_wh)),
+        timing: Timing::new(period, now()),
+        kept: LoopState::default(),
     };
     let (id, plant) = (node.id, node.plant.kind().spec().name);
     let thread = thread::Builder::new().name("control".to_owned()).spawn(move || {
@@ -290,7 +294,7 @@ fn stop_on_signals(tokio: &Handle, stop: Arc<Stop>) {
 /// Requests the end once for each line "stop". The end of the input, as of a killed launcher, requests the end only when
 /// the agent has run for this time, that of a flight with a stated duration.
 fn stop_on_input(input: impl Read + Send + 'static, stop: Arc<Stop>, within: Option<Duration>) {
-    let began = skein_host::clock::now();
+    let began = now();
     thread::spawn(move || {
         for line in BufReader::new(input).lines().map_while(Result::ok) {
             if line.trim() == "stop" {
@@ -299,7 +303,7 @@ fn stop_on_input(input: impl Read + Send + 'static, stop: Arc<Stop>, within: Opt
         }
         stop.abandon();
         let Some(within) = within else { return };
-        skein_host::clock::sleep(within.saturating_sub(skein_host::clock::now() - began));
+        sleep(within.saturating_sub(now() - began));
         if !stop.is_requested() {
             tracing::warn!("the stated duration of the flight is over, and its launcher has ended: landing");
             stop.request();

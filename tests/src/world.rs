@@ -300,13 +300,13 @@ impl World {
             return;
         };
         let is_traced = self.plan.traced_s[0] < t_s && t_s < self.plan.traced_s[1];
-        process.agent.set_traced(is_traced);
+        process.agent.network.set_traced(is_traced);
         let step = process.agent.step(wake, now);
         for peer in self.rules.check_step(t_s, id, &process.agent, &step.outputs).iter() {
             self.silent_since.remove(&(id, peer));
         }
         self.rules.check_memory(t_s, id, &process.agent);
-        let puts = if publisher_is_blocked { Vec::new() } else { process.agent.publish() };
+        let puts = if publisher_is_blocked { Vec::new() } else { process.agent.network.publish() };
         if step.reports {
             computer.report();
         }
@@ -347,7 +347,7 @@ impl World {
             return;
         }
         let Some(process) = computer.linked_process() else { return self.backlog.add(packet) };
-        process.agent.receive(&packet.key, &packet.bytes, now);
+        process.agent.network.receive(&packet.key, &packet.bytes, now);
         self.flight.delivered += 1;
         let bytes = packet.bytes.iter().fold(t_ns ^ packet.link, |sum, byte| sum.wrapping_mul(31) + u64::from(*byte));
         self.flight.fingerprint = self.flight.fingerprint.rotate_left(5) ^ bytes;
@@ -365,7 +365,7 @@ impl World {
         let now = computer.now(zero, t_ns);
         let Some(process) = computer.linked_process() else { return };
         self.rules.order_signed(order);
-        process.agent.receive(&Topic::Order(order.issuer).key(), &encode(&order), now);
+        process.agent.network.receive(&Topic::Order(order.issuer).key(), &encode(&order), now);
         self.rules.order_arrives(planned.node, order);
         self.rules.check_memory(t_s, planned.node, &process.agent);
         self.spreading.push(Spreading { order, node: planned.node, since_ns: t_ns });
@@ -443,7 +443,7 @@ impl World {
             self.network.close(node, link);
             if let Some(computer) = self.computers.get_mut(&node) {
                 let now = computer.now(zero, t_ns);
-                computer.process.iter_mut().for_each(|process| process.agent.link_ends(link, now));
+                computer.process.iter_mut().for_each(|process| process.agent.network.link_ends(link, now));
             }
             self.note(|| format!("node {node}: link {link} with {peer} ends"));
         }
@@ -471,7 +471,7 @@ impl World {
         let Some(computer) = self.computers.get_mut(&node) else { return };
         let now = computer.now(zero, t_ns);
         if let Some(process) = computer.process.as_mut() {
-            process.agent.link_forms(link, peer, now);
+            process.agent.network.link_forms(link, peer, now);
             self.schedule.at(t_ns + self.network.delay_ns(), Event::Query { of: peer, by: node, link });
         }
     }
@@ -482,7 +482,9 @@ impl World {
             self.liar.reply(t_s)
         } else {
             let process = self.computers.get_mut(&of).and_then(Computer::linked_process);
-            process.and_then(|process| process.agent.last_heartbeat()).map(|bytes| (Topic::Mission(of).key(), bytes))
+            process
+                .and_then(|process| process.agent.network.last_heartbeat())
+                .map(|bytes| (Topic::Mission(of).key(), bytes))
         };
         if let Some((key, bytes)) = reply.filter(|_| self.network.has_end(of, link)) {
             self.send(Packet { from: of, to: by, link, key, bytes }, false);
@@ -497,7 +499,7 @@ impl World {
     }
 
     fn add_refusals(&mut self, process: &Process) {
-        let (link, core) = (process.agent.drops(), process.agent.agent().drops());
+        let (link, core) = (process.agent.network.drops(), process.agent.agent().drops());
         let sum = &mut self.flight.refused;
         sum.undecodable += link.undecodable;
         sum.other_version += link.other_version;

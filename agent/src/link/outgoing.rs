@@ -50,13 +50,14 @@ pub struct Messages {
 /// The publisher's thread and its waiting messages.
 #[derive(Debug)]
 pub(super) struct Outgoing {
-    shared: Arc<Handover>,
+    pub(super) shared: Arc<Handover>,
     /// Disconnected when the thread has ended.
     ended: mpsc::Receiver<()>,
 }
 
+/// The messages between the two threads.
 #[derive(Debug, Default)]
-struct Handover {
+pub(super) struct Handover {
     held: Mutex<Held>,
     handed_over: Condvar,
 }
@@ -96,22 +97,6 @@ impl Outgoing {
     /// A queue without a thread: a test in virtual time takes the messages itself.
     pub(super) fn without_thread() -> Self {
         Self { shared: Arc::default(), ended: mpsc::channel().1 }
-    }
-
-    /// Swaps the waiting messages for the empty `sent` if they are due, in place of the thread. Returns whether they were.
-    pub(super) fn take_due(&self, sent: &mut Messages) -> bool {
-        let mut held = self.shared.held.lock();
-        let is_due = held.waiting.is_due();
-        if is_due {
-            std::mem::swap(&mut held.waiting, sent);
-        }
-        is_due
-    }
-
-    /// Number of events and traces that wait.
-    pub(super) fn queued(&self) -> (usize, usize) {
-        let held = self.shared.held.lock();
-        (held.waiting.events.len(), held.waiting.traces.len())
     }
 
     /// Hands over the messages of one step. Never waits for the network.
@@ -155,6 +140,22 @@ impl Handover {
         }
         std::mem::swap(&mut held.waiting, sent);
         Some(held.dropped)
+    }
+
+    /// Swaps the waiting messages for the empty `sent` if they are due, in place of the thread. Returns whether they were.
+    pub(super) fn take_due(&self, sent: &mut Messages) -> bool {
+        let mut held = self.held.lock();
+        let is_due = held.waiting.is_due();
+        if is_due {
+            std::mem::swap(&mut held.waiting, sent);
+        }
+        is_due
+    }
+
+    /// Number of events and traces that wait.
+    pub(super) fn queued(&self) -> (usize, usize) {
+        let held = self.held.lock();
+        (held.waiting.events.len(), held.waiting.traces.len())
     }
 
     fn end(&self) {

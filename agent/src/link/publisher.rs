@@ -10,7 +10,7 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::Locality;
 use zenoh::{Session, Wait};
 
-use super::{LinkError, LinkReceiver, Sessions, declaring};
+use super::{LinkError, LinkReceiver, Sessions, count, declaring};
 
 /// A declared publisher of one kind of message, in each session. Its messages are dropped rather than waited for.
 pub struct MessagePublisher {
@@ -51,7 +51,7 @@ impl MessagePublisher {
 
     /// Publishes an encoded message.
     pub(super) fn put(&self, bytes: Vec<u8>) {
-        self.receiver.traffic.sent.add(bytes.len());
+        count(&self.receiver.sent, bytes.len());
         let bytes = ZBytes::from(bytes);
         for publisher in &self.publishers {
             // It fails only on a closed session, which has no subscribers.

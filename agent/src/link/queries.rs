@@ -4,7 +4,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use parking_lot::Mutex;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, Query, QueryTarget, Queryable};
 use zenoh::sample::{Locality, Sample};
@@ -14,28 +13,6 @@ use super::{LinkError, Sessions, declaring};
 
 /// Longest wait for a reply. By then the peer has sent its next heartbeat anyway.
 const REPLY_TIMEOUT: Duration = Duration::from_secs(1);
-
-/// The last heartbeat, with which an agent answers the queries of agents that start late.
-#[derive(Clone, Default)]
-pub(super) struct LastHeartbeat(Arc<Mutex<Vec<u8>>>);
-
-impl LastHeartbeat {
-    /// Starts to answer queries for this key; the first reply needs a [`LastHeartbeat::keep`].
-    pub(super) fn answer_queries(&self, sessions: &Sessions, key: String) -> Result<Vec<Queryable<()>>, LinkError> {
-        let last = self.clone();
-        answer_queries(sessions, key, move |_: &Query| last.reply())
-    }
-
-    /// Makes these bytes the reply from now on.
-    pub(super) fn keep(&self, bytes: Vec<u8>) {
-        *self.0.lock() = bytes;
-    }
-
-    /// The reply to a query; `None` before the first heartbeat.
-    pub(super) fn reply(&self) -> Option<Vec<u8>> {
-        Some(self.0.lock().clone()).filter(|bytes| !bytes.is_empty())
-    }
-}
 
 /// Answers queries for this key on one of Zenoh's threads, with the bytes that `reply` returns.
 pub(super) fn answer_queries(

@@ -4,16 +4,16 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::time::Instant;
 
-use skein_common::id::{VehicleId, VehicleName};
+use skein_common::id::VehicleId;
 use skein_common::message::Drops;
 use skein_common::time::LocalTime;
-use skein_common::topic::Cell;
+use skein_common::topic::Topic;
+use skein_host::clock::LocalClock;
 
-use super::outgoing::{Messages, Outgoing};
+use super::outgoing::{Handover, Messages, Outgoing};
 use super::presence::{LinkGuard, Presence};
-use super::publishing::{Network, Published, Publishing};
-use super::queries::LastHeartbeat;
 use super::{Link, LinkReceiver, Sessions, Trust};
 
 /// A message that an agent publishes.
@@ -44,107 +44,101 @@ pub struct LinkSizes {
     pub checked_orders: usize,
 }
 
-/// The network's end of the link of one agent.
-pub(crate) struct SimulatedEnd {
+/// The network's end of the link of one agent. All instants are those of the agent's computer.
+pub struct SimulatedEnd {
     receiver: Arc<LinkReceiver>,
-    presence: Arc<Presence>,
+    handover: Arc<Handover>,
+    clock: LocalClock,
     links: BTreeMap<u64, LinkGuard>,
     /// Time of the last change of the links by the agent's clock, ns.
     changed: Arc<AtomicU64>,
     /// Whether the trace has a subscriber.
     is_traced: Arc<AtomicBool>,
-    publishing: Publishing,
-    last_heartbeat: LastHeartbeat,
     waiting: Messages,
-    puts: Puts,
-}
-
-#[derive(Default)]
-struct Puts(Vec<Put>);
-
-impl Network for Puts {
-    fn put(&mut self, what: Published, key: &str, bytes: Vec<u8>) {
-        self.0.push(Put { key: key.to_owned(), bytes, is_best_effort: what == Published::State });
-    }
-
-    /// The test has one team.
-    fn subscribe(&mut self, _cells: &[Cell]) {}
 }
 
 impl SimulatedEnd {
     /// The link of vehicle `own` and the network's end of it.
-    pub(crate) fn new(own: VehicleId, trust: Trust) -> (Link, Self) {
-        let (presence, last_heartbeat, branch) = (Presence::by_links(), LastHeartbeat::default(), trust.branch());
+    pub(crate) fn new(own: VehicleId, clock: LocalClock, trust: Trust) -> (Link, Self) {
+        let (presence, branch) = (Presence::by_links(), trust.branch());
         let receiver = LinkReceiver::new(own, trust, presence.clone());
-        let changed = Arc::<AtomicU64>::default();
+        let (changed, is_traced) = (Arc::<AtomicU64>::default(), Arc::<AtomicBool>::default());
         let of_notify = changed.clone();
         let now = move || LocalTime::from_nanoseconds(of_notify.load(Relaxed));
         presence.watch_links(branch, super::notify(&receiver, now));
-        let publishing = Publishing::new(receiver.clone(), own, last_heartbeat.clone());
-        let is_traced = Arc::<AtomicBool>::default();
+        let outgoing = Outgoing::without_thread();
+        let handover = outgoing.shared.clone();
         let link = Link {
             receiver: receiver.clone(),
-            outgoing: Outgoing::without_thread(),
+            outgoing,
             trace_is_wanted: vec![is_traced.clone()],
             summary_is_wanted: Vec::new(),
             _alive: Vec::new(),
             own,
             sessions: Sessions::default(),
         };
-        let (links, waiting, puts) = Default::default();
-        (link, Self { receiver, presence, links, changed, is_traced, publishing, last_heartbeat, waiting, puts })
+        let (links, waiting) = Default::default();
+        (link, Self { receiver, handover, clock, links, changed, is_traced, waiting })
     }
 
-    /// Registers a link with a peer under the peer's certificate, until [`Self::link_ends`] with the same number.
-    pub(crate) fn link_forms(&mut self, number: u64, with: VehicleName, at: LocalTime) {
-        self.changed.store(at.nanoseconds(), Relaxed);
-        self.links.insert(number, self.presence.link(Some(with)));
+    /// Registers a link with a peer under the peer's certificate. It lasts until [`Self::link_ends`] with the same number.
+    pub fn link_forms(&mut self, number: u64, with: VehicleId, now: Instant) {
+        self.changed.store(self.clock.at(now).nanoseconds(), Relaxed);
+        self.links.insert(number, self.receiver.presence.link(Some(with.into())));
     }
 
-    pub(crate) fn link_ends(&mut self, number: u64, at: LocalTime) {
-        self.changed.store(at.nanoseconds(), Relaxed);
+    /// Ends the link with this number.
+    pub fn link_ends(&mut self, number: u64, now: Instant) {
+        self.changed.store(self.clock.at(now).nanoseconds(), Relaxed);
         self.links.remove(&number);
     }
 
-    pub(crate) fn set_traced(&self, is_traced: bool) {
+    /// Makes an observer of the trace appear or vanish.
+    pub fn set_traced(&self, is_traced: bool) {
         self.is_traced.store(is_traced, Relaxed);
     }
 
-    /// Takes a message that arrived at this time.
-    pub(crate) fn receive(&self, key: &str, bytes: &[u8], at: LocalTime) {
-        self.receiver.receive(key, bytes, at);
+    /// Takes a message that arrived on a link.
+    pub fn receive(&self, key: &str, bytes: &[u8], now: Instant) {
+        self.receiver.receive(key, bytes, self.clock.at(now));
     }
 
-    /// The reply to a peer that queries the last heartbeat.
-    pub(crate) fn last_heartbeat(&self) -> Option<Vec<u8>> {
-        self.last_heartbeat.reply()
+    /// The reply to a peer that queries the last heartbeat; `None` before the first heartbeat.
+    pub fn last_heartbeat(&self) -> Option<Vec<u8>> {
+        self.receiver.last_heartbeat()
     }
 
-    /// Publishes what waits in the link, as the publisher's thread does.
-    pub(crate) fn publish(&mut self, link: &Link) -> Vec<Put> {
-        if link.outgoing.take_due(&mut self.waiting) {
-            self.publishing.send(&mut self.waiting, &mut self.puts);
+    /// Publishes the messages that wait, as the publisher's thread does.
+    pub fn publish(&mut self) -> Vec<Put> {
+        let mut puts = Vec::new();
+        if self.handover.take_due(&mut self.waiting) {
+            self.receiver.publish(&mut self.waiting, |topic, key, bytes| {
+                puts.push(Put { key: key.to_owned(), bytes, is_best_effort: matches!(topic, Topic::State(..)) });
+            });
         }
-        std::mem::take(&mut self.puts.0)
+        puts
     }
 
-    pub(crate) fn sizes(&self, link: &Link) -> LinkSizes {
-        let (events, traces) = link.outgoing.queued();
+    /// Numbers of entries in the memory of the link.
+    pub fn sizes(&self) -> LinkSizes {
+        let (events, traces) = self.handover.queued();
         LinkSizes {
             inbox: self.receiver.inbox.len(),
-            linked: self.presence.linked(),
+            linked: self.receiver.presence.linked(),
             events,
             traces,
             refusals: self.receiver.inbox.refusals.latest().len(),
-            checked_orders: self.receiver.verifier.checked_orders(),
+            checked_orders: self.receiver.checked_orders(),
         }
     }
 
-    pub(crate) fn drops(&self) -> Drops {
+    /// Number of messages that the link refused, by reason.
+    pub fn drops(&self) -> Drops {
         self.receiver.inbox.refusals.drops()
     }
 
-    pub(crate) fn may_send(&self, name: VehicleName) -> bool {
-        self.presence.may_send(name)
+    /// Whether the agent takes messages of this vehicle.
+    pub fn is_linked(&self, with: VehicleId) -> bool {
+        self.receiver.presence.may_send(with.into())
     }
 }

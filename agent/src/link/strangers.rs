@@ -2,10 +2,10 @@
 //! thread.
 
 use std::collections::BTreeMap;
+use std::mem::take;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use skein_common::frame::Origin;
 use skein_common::id::FleetVehicle;
 use skein_common::message::{Intent, Message, MessageOrder, Reason, State};
 use skein_common::time::LocalTime;
@@ -23,54 +23,35 @@ use super::LinkReceiver;
 const MAX_STRANGERS: usize = 4096;
 
 /// Filled by Zenoh's threads, emptied by the control thread.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct StrangerInbox {
-    /// Origin of the own team's frame.
-    origin: Origin,
-    /// The newest state of each stranger, by team and id.
-    states: Mutex<Vec<StrangerState>>,
-    /// The newest intent of each, alike.
-    intents: Mutex<Vec<ReceivedIntent>>,
+    states: Newest<StrangerState>,
+    intents: Newest<ReceivedIntent>,
 }
 
-/// A message of a stranger.
-trait FromStranger {
-    fn place(&self) -> (FleetVehicle, MessageOrder);
-}
-
-impl FromStranger for StrangerState {
-    fn place(&self) -> (FleetVehicle, MessageOrder) {
-        (self.id, self.order)
-    }
-}
-
-impl FromStranger for ReceivedIntent {
-    fn place(&self) -> (FleetVehicle, MessageOrder) {
-        (self.id, self.order)
-    }
-}
+/// The newest message of each stranger.
+type Newest<M> = Mutex<BTreeMap<FleetVehicle, (MessageOrder, M)>>;
 
 impl StrangerInbox {
-    pub(super) fn new(origin: Origin) -> Self {
-        Self { origin, states: Mutex::default(), intents: Mutex::default() }
-    }
-
     /// Moves all states and intents to the ends of these lists.
     pub(super) fn drain(&self, states: &mut Vec<StrangerState>, intents: &mut Vec<ReceivedIntent>) {
-        states.append(&mut self.states.lock());
-        intents.append(&mut self.intents.lock());
+        let (new_states, new_intents) = (take(&mut *self.states.lock()), take(&mut *self.intents.lock()));
+        states.extend(new_states.into_values().map(|(_, state)| state));
+        intents.extend(new_intents.into_values().map(|(_, intent)| intent));
     }
 }
 
 /// Keeps a message if it is newer than the one of its sender that waits. False if it is not, or too many wait.
-fn store<M: FromStranger>(messages: &Mutex<Vec<M>>, new: M) -> bool {
-    let (mut messages, (id, order)) = (messages.lock(), new.place());
-    match messages.binary_search_by_key(&id, |kept| kept.place().0) {
-        Ok(place) if messages[place].place().1 < order => messages[place] = new,
-        Err(place) if messages.len() < MAX_STRANGERS => messages.insert(place, new),
-        _ => return false,
+fn store<M>(messages: &Newest<M>, id: FleetVehicle, order: MessageOrder, new: M) -> bool {
+    let mut messages = messages.lock();
+    let is_newer = match messages.get(&id) {
+        Some((kept, _)) => *kept < order,
+        None => messages.len() < MAX_STRANGERS,
+    };
+    if is_newer {
+        messages.insert(id, (order, new));
     }
-    true
+    is_newer
 }
 
 impl LinkReceiver {
@@ -85,15 +66,16 @@ impl LinkReceiver {
         let (id, strangers) = (FleetVehicle { team, vehicle }, &self.strangers);
         match topic {
             Topic::State(..) => self.receive_stranger(key, bytes, id, |State { header, state }| {
-                let (position, convergence) = strangers.origin.locate(&state.position);
+                let (position, convergence) = self.trust.origin.locate(&state.position);
                 let (order, velocity) = (header.order(), convergence.velocity_from_local(state.velocity));
-                store(&strangers.states, StrangerState { id, order, position, velocity, at })
+                store(&strangers.states, id, order, StrangerState { id, order, position, velocity, at })
             }),
             // An agent publishes the same intent in several cells: it counts once.
             Topic::Intent(..) => self.receive_stranger(key, bytes, id, |message: Intent| {
                 let order = message.header.order();
-                let intent = ReceivedIntent::new(team, &message, &strangers.origin, at);
-                store(&strangers.intents, intent) || is_kept(&strangers.intents, id, order)
+                let intent = ReceivedIntent::new(team, &message, &self.trust.origin, at);
+                store(&strangers.intents, id, order, intent)
+                    || strangers.intents.lock().get(&id).is_some_and(|(kept, _)| *kept == order)
             }),
             _ => {}
         }
@@ -101,27 +83,14 @@ impl LinkReceiver {
 
     /// Verifies a message of a stranger and stores it with `store`, which is false for an old message.
     fn receive_stranger<M: Message>(&self, key: &str, bytes: &[u8], id: FleetVehicle, store: impl Fn(M) -> bool) {
-        self.traffic.received.add(bytes.len());
-        if !self.presence.may_send(id.into()) {
-            self.inbox.refusals.refuse(Reason::Old, key, &"its sender has no link");
-            return;
-        }
-        let verified = match self.key_ring.read::<M>(key, bytes) {
-            Ok(verified) => verified,
-            Err(error) => return self.inbox.refusals.refuse(error.reason(), key, &error),
-        };
-        if let Err(reason) = self.verifier.accept_stranger(id.team, verified.run) {
+        let Some(verified) = self.verified::<M>(key, bytes, Some(id.into())) else { return };
+        if let Err(reason) = self.accept_stranger(id.team, verified.run) {
             return self.inbox.refusals.refuse(reason, key, &reason);
         }
         if !store(verified.message) {
             self.inbox.refusals.count(Reason::Old, key);
         }
     }
-}
-
-/// Whether this message waits already.
-fn is_kept<M: FromStranger>(messages: &Mutex<Vec<M>>, id: FleetVehicle, order: MessageOrder) -> bool {
-    messages.lock().iter().any(|kept| kept.place() == (id, order))
 }
 
 /// The subscribed cells, on the publisher's thread.
@@ -160,7 +129,7 @@ impl SubscribedCells {
 
 #[cfg(test)]
 mod tests {
-    use skein_common::frame::{Geodetic, PositionNed, VelocityNed};
+    use skein_common::frame::{PositionNed, VelocityNed};
     use skein_common::id::Incarnation;
     use skein_common::message::MessageOrder;
     use skein_common::time::LocalTime;
@@ -169,7 +138,7 @@ mod tests {
 
     #[test]
     fn the_newest_state_of_each_stranger_waits_for_the_control_thread() {
-        let inbox = StrangerInbox::new(Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0)));
+        let inbox = StrangerInbox::default();
         let state = |name: &str, sequence| StrangerState {
             id: name.parse().unwrap(),
             order: MessageOrder { incarnation: Incarnation(1), sequence },
@@ -179,7 +148,8 @@ mod tests {
         };
         let news = [("2/1", 4, true), ("1/9", 1, true), ("2/1", 3, false), ("2/1", 4, false), ("2/1", 5, true)];
         for (name, sequence, is_new) in news {
-            assert_eq!(store(&inbox.states, state(name, sequence)), is_new, "{name} {sequence}");
+            let state = state(name, sequence);
+            assert_eq!(store(&inbox.states, state.id, state.order, state), is_new, "{name} {sequence}");
         }
         let mut received = Vec::new();
         inbox.drain(&mut received, &mut Vec::new());

@@ -13,6 +13,8 @@ use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, SenderStamp};
 
+use super::signature::SigningKey;
+use super::signature::messages::KeyRing;
 use super::*;
 use skein_core::peers::{Broadcast, Peers};
 use skein_host::clock::{now, sleep_until};

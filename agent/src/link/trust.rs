@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use skein_common::frame::Origin;
-use skein_common::id::{SwarmName, TeamId, VehicleId};
+use skein_common::id::{SwarmName, TeamId};
 use skein_common::message::{Heartbeat, Order, Reason};
 use skein_common::scenario::{Scenario, TeamInFleet};
 use skein_common::topic::Branch;
 
+use super::LinkReceiver;
 use super::signature::messages::KeyRing;
 use super::signature::orders::Checker;
 use super::signature::{SigningKey, VerificationKey};
@@ -52,32 +53,7 @@ impl Trust {
     }
 }
 
-/// Filters messages between the network and the inbox.
-#[derive(Debug)]
-pub(super) struct Verifier {
-    own: VehicleId,
-    branch: Branch,
-    /// Number of teams of the fleet; 0 without one.
-    teams: u16,
-    vehicles: usize,
-    plan: u64,
-    orders: Option<Checker>,
-    run: u64,
-}
-
-impl Verifier {
-    pub(super) fn new(own: VehicleId, trust: Trust) -> Self {
-        let (branch, teams) = (trust.branch(), trust.team.map_or(0, |team| team.teams));
-        let Trust { swarm, vehicles, plan, orders, run, .. } = trust;
-        let orders = orders.map(|key| Checker::new(key, swarm, branch));
-        Self { own, branch, teams, vehicles, plan, orders, run }
-    }
-
-    /// Run of the swarm that this agent is in.
-    pub(super) fn run(&self) -> u64 {
-        self.run
-    }
-
+impl LinkReceiver {
     /// Number of orders of which it is known whether the operator signed them.
     pub(super) fn checked_orders(&self) -> usize {
         self.orders.as_ref().map_or(0, Checker::known)
@@ -91,22 +67,12 @@ impl Verifier {
         run: Option<u64>,
         mut refused: impl FnMut(Reason),
     ) -> Option<PeerMessage> {
-        let stranger = |id: VehicleId| usize::from(id.get()) > self.vehicles;
-        match (message.sender(), message) {
-            (Some(id), _) if id == self.own => {
-                refused(Reason::Forged);
-                None
-            }
-            (Some(id), _) if stranger(id) => {
-                refused(Reason::UnknownVehicle);
-                None
-            }
-            (Some(_), _) if run.is_some_and(|run| run != self.run) => {
-                refused(Reason::OtherRun);
-                None
-            }
+        let reason = match (message.sender(), message) {
+            (Some(id), _) if id == self.own => Reason::Forged,
+            (Some(id), _) if usize::from(id.get()) > self.trust.vehicles => Reason::UnknownVehicle,
+            (Some(_), _) if run.is_some_and(|run| run != self.trust.run) => Reason::OtherRun,
             (_, PeerMessage::Mission(content)) => {
-                if content.plan != self.plan {
+                if content.plan != self.trust.plan {
                     refused(Reason::OtherPlan);
                 }
                 let order = content.order.filter(|order| self.is_signed(order));
@@ -114,14 +80,13 @@ impl Verifier {
                     refused(Reason::Unsealed);
                 }
                 // The heartbeat itself is still the sender's: even with another plan it shows that the sender is up.
-                Some(PeerMessage::Mission(Heartbeat { order, ..content }))
+                return Some(PeerMessage::Mission(Heartbeat { order, ..content }));
             }
-            (_, PeerMessage::Order(order)) if !self.is_signed(&order) => {
-                refused(Reason::Unsealed);
-                None
-            }
-            _ => Some(message),
-        }
+            (_, PeerMessage::Order(order)) if !self.is_signed(&order) => Reason::Unsealed,
+            _ => return Some(message),
+        };
+        refused(reason);
+        None
     }
 
     /// Checks a state of another team's vehicle. `run` is the run in its signature, if it has one. The number of
@@ -132,13 +97,14 @@ impl Verifier {
     pub(super) fn accept_stranger(&self, team: TeamId, run: Option<u64>) -> Result<(), Reason> {
         match run {
             _ if Some(team) == self.branch.team() => Err(Reason::Forged),
-            _ if team.get() > self.teams => Err(Reason::UnknownVehicle),
-            Some(run) if run != self.run => Err(Reason::OtherRun),
+            _ if team.get() > self.trust.team.map_or(0, |team| team.teams) => Err(Reason::UnknownVehicle),
+            Some(run) if run != self.trust.run => Err(Reason::OtherRun),
             _ => Ok(()),
         }
     }
 
     fn is_signed(&self, order: &Order) -> bool {
-        self.orders.as_ref().is_none_or(|orders| self.run != 0 && orders.is_signed(self.run, order))
+        let run = self.trust.run;
+        self.orders.as_ref().is_none_or(|orders| run != 0 && orders.is_signed(run, order))
     }
 }

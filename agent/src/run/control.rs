@@ -68,11 +68,13 @@ pub(super) struct Control {
     pub(super) recorder: Option<Recorder>,
     /// The vehicle's energy, for the summary.
     pub(super) energy: Energy,
+    pub(super) timing: Timing,
+    pub(super) kept: LoopState,
 }
 
 /// State kept from one pass of the control loop to the next.
+#[derive(Default)]
 pub(super) struct LoopState {
-    timing: Timing,
     /// The inputs of this step, with room that is used again.
     pub(super) inputs: StepInputs,
     /// Why something that the external law sent was refused, until it is reported.
@@ -89,30 +91,11 @@ pub(super) struct LoopState {
     last_second: TimingSummary,
 }
 
-impl LoopState {
-    /// The state at the start of a control loop with this frame period.
-    pub(super) fn new(period: Duration, now: Instant) -> Self {
-        Self {
-            timing: Timing::new(period, now),
-            inputs: StepInputs::default(),
-            law_refusal: None,
-            workspace: Workspace::default(),
-            events: 0,
-            healths: 0,
-            unsent_healths: 0,
-            summaries: 0,
-            next_summary: LocalTime::ZERO,
-            last_second: TimingSummary::default(),
-        }
-    }
-}
-
 impl Control {
     /// Flies until the flight has ended, and returns the link to be closed.
     pub(super) fn run(mut self) -> Link {
         let period = Duration::from_secs_f64(self.plant.frame_period_s());
         let timeout = period.mul_f64(TIMEOUT_PERIODS);
-        let mut kept = LoopState::new(period, now());
         let mut deadline = now() + timeout;
         loop {
             let wake = self.plant.wait(deadline.saturating_duration_since(now()));
@@ -122,8 +105,8 @@ impl Control {
             }
             let woken = now();
             deadline = woken + timeout;
-            self.run_once(wake, woken, &mut kept);
-            if self.is_over(&kept.timing) {
+            self.run_once(wake, woken);
+            if self.is_over() {
                 break;
             }
         }
@@ -135,21 +118,22 @@ impl Control {
     }
 
     /// One pass of the control loop.
-    fn run_once(&mut self, Wake { frame, status }: Wake, woken: Instant, kept: &mut LoopState) {
+    fn run_once(&mut self, Wake { frame, status }: Wake, woken: Instant) {
         let frame = frame.as_ref();
-        kept.inputs.status = status;
-        self.take_inputs(frame, woken, kept);
-        let outputs = self.step(kept);
-        if let Some(health) = self.report(frame, outputs, (woken, now()), kept) {
+        self.kept.inputs.status = status;
+        self.take_inputs(frame, woken);
+        let outputs = self.step();
+        if let Some(health) = self.report(frame, outputs, (woken, now())) {
             // If the publishing thread still has the previous one, this one is dropped.
-            kept.unsent_healths += u64::from(self.health.try_send(health).is_err());
+            self.kept.unsent_healths += u64::from(self.health.try_send(health).is_err());
             // The service manager watches this thread alone: an agent whose messages do not leave flies on.
             unix::notify_service_manager("WATCHDOG=1");
         }
     }
 
     /// Steps the agent with its inputs and writes its command.
-    pub(super) fn step(&mut self, kept: &mut LoopState) -> Outputs {
+    pub(super) fn step(&mut self) -> Outputs {
+        let kept = &mut self.kept;
         if let Some(recorder) = &mut self.recorder {
             recorder.inputs(&kept.inputs);
         }
@@ -167,7 +151,6 @@ impl Control {
         frame: Option<&Frame>,
         outputs: Outputs,
         (woken, done): (Instant, Instant),
-        kept: &mut LoopState,
     ) -> Option<Health> {
         let true_time = self.clock.at(woken);
         if let Some(recorder) = &mut self.recorder {
@@ -180,23 +163,23 @@ impl Control {
         }
         self.plant.show_peers(&mut self.station.agent().peer_poses(&self.own_origin));
 
-        let trace = frame.and_then(|frame| self.trace(true_time, frame, kept));
+        let trace = frame.and_then(|frame| self.trace(true_time, frame));
         if let Some(frame) = frame {
             self.energy.take(frame.time, frame.truth.power_w);
-            kept.timing.frame(woken, self.plant.drops().skipped_frames);
-            kept.timing.step(woken, done);
+            self.timing.frame(woken, self.plant.drops().skipped_frames);
+            self.timing.step(woken, done);
         }
         let local_time = self.station.clocks().local_time(true_time);
-        let summary = self.summary(true_time, frame, kept);
-        self.send(local_time, outbox, (trace, summary), kept);
-        kept.last_second = kept.timing.summary(done)?;
-        kept.healths += 1;
-        Some(self.health(local_time, true_time.seconds(), kept))
+        let summary = self.summary(true_time, frame);
+        self.send(local_time, outbox, trace, summary);
+        self.kept.last_second = self.timing.summary(done)?;
+        self.kept.healths += 1;
+        Some(self.health(local_time, true_time.seconds()))
     }
 
     /// Collects what enters the station in this step: the frame, and what the link and the law received.
-    pub(super) fn take_inputs(&mut self, frame: Option<&Frame>, woken: Instant, kept: &mut LoopState) {
-        let (true_time, inputs) = (self.clock.at(woken), &mut kept.inputs);
+    pub(super) fn take_inputs(&mut self, frame: Option<&Frame>, woken: Instant) {
+        let (true_time, inputs) = (self.clock.at(woken), &mut self.kept.inputs);
         let before = std::mem::replace(&mut inputs.right, true_time);
         let since_s = true_time.seconds_since(before);
         inputs.did_not_run_s = (before > LocalTime::ZERO && since_s > LATE_S).then_some(since_s);
@@ -207,29 +190,22 @@ impl Control {
         inputs.plant_time = frame.map_or(inputs.plant_time, |frame| frame.time);
         inputs.measurement = frame.map(|frame| frame.measurement);
         inputs.leave = self.stop.is_requested();
-        let (answer, refusal) = self.law.as_ref().map(LiveLaw::take).unwrap_or_default();
-        (inputs.answer, kept.law_refusal) = (answer, refusal);
+        (inputs.answer, self.kept.law_refusal) = self.law.as_ref().map(LiveLaw::take).unwrap_or_default();
     }
 
     /// Hands the messages of this step to the publisher's thread.
-    fn send(
-        &mut self,
-        now: LocalTime,
-        outbox: Outbox,
-        (trace, summary): (Option<Trace>, Option<Summary>),
-        kept: &mut LoopState,
-    ) {
+    fn send(&mut self, now: LocalTime, outbox: Outbox, trace: Option<Trace>, summary: Option<Summary>) {
         let Outbox { state, mission, intent, mut happened } = outbox;
         // Not the core decides on it: a replay of its inputs gives the same outputs.
-        happened.extend(kept.law_refusal.take().map(EventKind::LawAnswerRefused));
+        happened.extend(self.kept.law_refusal.take().map(EventKind::LawAnswerRefused));
         let position = state.as_ref().map(|state| self.origin.ned_from_geodetic(&state.state.position));
         let state = state.map(|state| *state).zip(position.map(Cell::of));
         let intent = intent.map(|intent| (*intent, intent.cells(&self.origin).collect()));
         let cells = position.and_then(|position| self.cells_around(position));
         let event = |what| {
-            kept.events += 1;
+            self.kept.events += 1;
             log(self.own, &what);
-            Event { header: self.header(now, kept.events), what }
+            Event { header: self.header(now, self.kept.events), what }
         };
         let events = happened.into_iter().map(event).collect();
         let mission = mission.map(|mission| *mission);
@@ -250,17 +226,18 @@ impl Control {
     }
 
     /// The trace of this step, if it has a subscriber. Its timing is that of the previous step.
-    fn trace(&mut self, true_time: LocalTime, frame: &Frame, kept: &LoopState) -> Option<Trace> {
+    fn trace(&mut self, true_time: LocalTime, frame: &Frame) -> Option<Trace> {
         self.link.trace_is_wanted().then(|| {
             let mut trace = self.station.trace(true_time, frame.time, &frame.truth);
-            trace.step_us = kept.timing.last_step_us();
-            trace.frame_overruns = kept.timing.overruns();
+            trace.step_us = self.timing.last_step_us;
+            trace.frame_overruns = self.timing.overruns;
             trace
         })
     }
 
     /// The summary after this step, if it has a subscriber and is due. A vehicle without frames sends it too.
-    fn summary(&self, true_time: LocalTime, frame: Option<&Frame>, kept: &mut LoopState) -> Option<Summary> {
+    fn summary(&mut self, true_time: LocalTime, frame: Option<&Frame>) -> Option<Summary> {
+        let kept = &mut self.kept;
         if true_time < kept.next_summary || !self.link.summary_is_wanted() {
             return None;
         }
@@ -268,8 +245,8 @@ impl Control {
         kept.next_summary =
             kept.next_summary.max(true_time.plus_seconds(-SUMMARY_PERIOD_S)).plus_seconds(SUMMARY_PERIOD_S);
         kept.summaries += 1;
-        let header = self.header(self.station.clocks().local_time(true_time), kept.summaries);
-        let TimingSummary { frame_rate_hz, jitter_ms, step_p99_us, .. } = kept.last_second;
+        let header = self.header(self.station.clocks().local_time(true_time), self.kept.summaries);
+        let TimingSummary { frame_rate_hz, jitter_ms, step_p99_us, .. } = self.kept.last_second;
         let facts = VehicleFacts {
             power_w: frame.and_then(|frame| frame.truth.power_w),
             energy_left: self.energy.left(),
@@ -277,17 +254,17 @@ impl Control {
                 frame_rate_hz,
                 jitter_ms,
                 step_p99_us,
-                frame_overruns: kept.timing.overruns(),
+                frame_overruns: self.timing.overruns,
                 dropped: self.drops().total(),
-                unsent: self.unsent(kept),
+                unsent: self.unsent(),
             }),
             ..self.station.facts(true_time)
         };
-        Some(Summary { header, plant_time: kept.inputs.plant_time, facts })
+        Some(Summary { header, plant_time: self.kept.inputs.plant_time, facts })
     }
 
-    fn health(&self, now: LocalTime, uptime_s: f64, kept: &LoopState) -> Health {
-        let TimingSummary { frame_rate_hz, jitter_ms, step_p50_us, step_p99_us } = kept.last_second;
+    fn health(&self, now: LocalTime, uptime_s: f64) -> Health {
+        let TimingSummary { frame_rate_hz, jitter_ms, step_p50_us, step_p99_us } = self.kept.last_second;
         let agent = self.station.agent();
         let (state_messages, state_bytes) = agent.states_sent();
         let peer = |peer: skein_core::peers::PeerEstimate| PeerHealth {
@@ -299,21 +276,21 @@ impl Control {
         };
         let old = |(id, count)| Refused { reason: Reason::Old, key: format!("vehicle/{id}"), count };
         Health {
-            header: self.header(now, kept.healths),
+            header: self.header(now, self.kept.healths),
             uptime_s,
             activity: agent.activity(),
             in_place_s: agent.in_place_s(),
             plant: self.plant_name.to_owned(),
             version: self.release.clone(),
             failures: agent.failures(),
-            simulator_faults: kept.inputs.status.faults.clone(),
+            simulator_faults: self.kept.inputs.status.faults.clone(),
             frame_rate_hz,
             jitter_ms,
             step_p50_us,
             step_p99_us,
-            frame_overruns: kept.timing.overruns(),
+            frame_overruns: self.timing.overruns,
             drops: self.drops(),
-            unsent: self.unsent(kept),
+            unsent: self.unsent(),
             refused: agent.old_messages().map(old).take(Refused::MAX_COUNT).collect(),
             state_messages,
             state_bytes,
@@ -344,8 +321,8 @@ impl Control {
     }
 
     /// Own messages that were not sent so far.
-    fn unsent(&self, kept: &LoopState) -> u64 {
-        self.link.unsent() + kept.unsent_healths
+    fn unsent(&self) -> u64 {
+        self.link.unsent() + self.kept.unsent_healths
     }
 
     fn header(&self, now: LocalTime, sequence: u64) -> Header {
@@ -353,8 +330,8 @@ impl Control {
     }
 
     /// Whether this agent's flight has ended. Without a simulator no vehicle has to be landed.
-    fn is_over(&self, timing: &Timing) -> bool {
-        let is_flying = timing.last_frame().is_some_and(|last| now() < last + SIMULATOR_GONE_AFTER);
+    fn is_over(&self) -> bool {
+        let is_flying = self.timing.last_frame.is_some_and(|last| now() < last + SIMULATOR_GONE_AFTER);
         let activity = self.station.agent().activity();
         let is_down = activity == Activity::Landed;
         // A vehicle in a pilot's hands is the pilot's to land.

@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::Origin;
 use skein_common::id::{Incarnation, VehicleId};
-use skein_common::message::Drops;
 use skein_common::scenario::Scenario;
 use skein_core::agent::{Agent, Outputs};
 use skein_core::aircraft::Aircraft;
@@ -24,17 +23,17 @@ use tokio::sync::mpsc;
 
 use super::Stop;
 use super::control::{Control, LoopState};
+use super::timing::Timing;
 use crate::link::Trust;
-use crate::link::simulated::SimulatedEnd;
-pub use crate::link::simulated::{LinkSizes, Put};
+pub use crate::link::simulated::{LinkSizes, Put, SimulatedEnd};
 
 /// An agent in virtual time. All instants are those of its computer's monotonic clock.
 pub struct SimulatedAgent {
     control: Control,
-    kept: LoopState,
-    network: SimulatedEnd,
-    /// The messages that entered the station in the last step from the network.
-    received: Vec<Received>,
+    /// The network's end of its link.
+    pub network: SimulatedEnd,
+    /// The messages from peers and operators that entered the station in the last step.
+    pub received: Vec<Received>,
 }
 
 /// The result of one pass of the control loop.
@@ -62,7 +61,8 @@ impl SimulatedAgent {
     ) -> Result<Self, UnsupportedScenario> {
         let clocks = Clocks::new(scenario, own).after(flown_s);
         let station = Station::new(scenario, own, incarnation, (aircraft, rules), clocks)?;
-        let (link, network) = SimulatedEnd::new(own, trust);
+        let clock = LocalClock::zero_at(now);
+        let (link, network) = SimulatedEnd::new(own, clock, trust);
         let origin = Origin::new(scenario.origin.geodetic());
         let period = Duration::from_secs_f64(plant.frame_period_s());
         let (health, _) = mpsc::channel(1);
@@ -73,7 +73,7 @@ impl SimulatedAgent {
             release: super::release(),
             link,
             law: None,
-            clock: LocalClock::zero_at(now),
+            clock,
             origin,
             own_origin: origin,
             neighbourhood: None,
@@ -83,74 +83,26 @@ impl SimulatedAgent {
             health,
             recorder: None,
             energy: Energy::new(None),
+            timing: Timing::new(period, now),
+            kept: LoopState::default(),
         };
-        Ok(Self { control, kept: LoopState::new(period, now), network, received: Vec::new() })
+        Ok(Self { control, network, received: Vec::new() })
     }
 
     /// One pass of the control loop that takes no time.
     pub fn step(&mut self, Wake { frame, status }: Wake, now: Instant) -> SimulatedStep {
-        let Self { control, kept, received, .. } = self;
+        let Self { control, received, .. } = self;
         let frame = frame.as_ref();
-        kept.inputs.status = status;
-        control.take_inputs(frame, now, kept);
-        received.clone_from(&kept.inputs.received);
-        let outputs = control.step(kept);
-        let reports = control.report(frame, outputs.clone(), (now, now), kept).is_some();
+        control.kept.inputs.status = status;
+        control.take_inputs(frame, now);
+        received.clone_from(&control.kept.inputs.received);
+        let outputs = control.step();
+        let reports = control.report(frame, outputs.clone(), (now, now)).is_some();
         SimulatedStep { outputs, reports }
-    }
-
-    /// Makes an observer of the trace appear or vanish.
-    pub fn set_traced(&self, is_traced: bool) {
-        self.network.set_traced(is_traced);
-    }
-
-    /// Publishes the messages that wait, as the publisher's thread does.
-    pub fn publish(&mut self) -> Vec<Put> {
-        self.network.publish(&self.control.link)
-    }
-
-    /// Takes a message that arrived on a link.
-    pub fn receive(&self, key: &str, bytes: &[u8], now: Instant) {
-        self.network.receive(key, bytes, self.control.clock.at(now));
-    }
-
-    /// Registers a link with a peer under the peer's certificate. It lasts until [`Self::link_ends`] with the same number.
-    pub fn link_forms(&mut self, number: u64, with: VehicleId, now: Instant) {
-        self.network.link_forms(number, with.into(), self.control.clock.at(now));
-    }
-
-    /// Ends the link with this number.
-    pub fn link_ends(&mut self, number: u64, now: Instant) {
-        self.network.link_ends(number, self.control.clock.at(now));
-    }
-
-    /// Whether the agent takes messages of this vehicle.
-    pub fn is_linked(&self, with: VehicleId) -> bool {
-        self.network.may_send(with.into())
-    }
-
-    /// The reply to a peer that queries the last heartbeat; `None` before the first heartbeat.
-    pub fn last_heartbeat(&self) -> Option<Vec<u8>> {
-        self.network.last_heartbeat()
-    }
-
-    /// The messages from peers and operators that entered the station in the last step.
-    pub fn received(&self) -> &[Received] {
-        &self.received
     }
 
     /// The agent that decides.
     pub fn agent(&self) -> &Agent {
         self.control.station.agent()
-    }
-
-    /// Numbers of entries in the memory of the link.
-    pub fn sizes(&self) -> LinkSizes {
-        self.network.sizes(&self.control.link)
-    }
-
-    /// Number of messages that the link refused, by reason.
-    pub fn drops(&self) -> Drops {
-        self.network.drops()
     }
 }

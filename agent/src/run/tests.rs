@@ -506,7 +506,7 @@ fn an_agent_without_its_launcher_ends_with_the_stated_duration() {
     let waits = |stop: &Stop| {
         let until = now() + TIMEOUT;
         while !stop.is_requested() && now() < until {
-            skein_host::clock::sleep(Duration::from_millis(5));
+            sleep(Duration::from_millis(5));
         }
         stop.is_requested()
     };
@@ -519,14 +519,14 @@ fn an_agent_without_its_launcher_ends_with_the_stated_duration() {
     assert!(waits(&stop));
     let until = now() + TIMEOUT;
     while !stop.is_abandoned() && now() < until {
-        skein_host::clock::sleep(Duration::from_millis(5));
+        sleep(Duration::from_millis(5));
     }
     assert!(!stop.is_urgent());
     // Without a stated duration it flies on.
     let stop = Arc::new(Stop::default());
     stop_on_input(io::empty(), stop.clone(), None);
     while !stop.is_abandoned() {
-        skein_host::clock::sleep(Duration::from_millis(5));
+        sleep(Duration::from_millis(5));
     }
     assert!(!stop.is_requested());
 }

@@ -14,14 +14,17 @@ const WINDOW: Duration = Duration::from_secs(1);
 pub(super) struct Timing {
     period: Duration,
     since: Instant,
-    last_frame: Option<Instant>,
+    /// Arrival time of the newest frame.
+    pub(super) last_frame: Option<Instant>,
     late_ms: Vec<f64>,
     step_us: Vec<f64>,
     frames: u32,
-    last_step_us: Option<f64>,
+    /// Duration of the previous step: from the frame's arrival to the last control written, µs.
+    pub(super) last_step_us: Option<f64>,
     last_overran: bool,
     skipped: u64,
-    overruns: u64,
+    /// Number of steps that ended after the next frame's time.
+    pub(super) overruns: u64,
 }
 
 /// Timing over one second.
@@ -72,21 +75,6 @@ impl Timing {
         self.step_us.push(took_us);
     }
 
-    /// Duration of the previous step: from the frame's arrival to the last control written, µs.
-    pub(super) fn last_step_us(&self) -> Option<f64> {
-        self.last_step_us
-    }
-
-    /// Number of steps that ended after the next frame's time.
-    pub(super) fn overruns(&self) -> u64 {
-        self.overruns
-    }
-
-    /// Arrival time of the newest frame.
-    pub(super) fn last_frame(&self) -> Option<Instant> {
-        self.last_frame
-    }
-
     /// Once a second: the timing of that second.
     pub(super) fn summary(&mut self, now: Instant) -> Option<TimingSummary> {
         let window = now.saturating_duration_since(self.since);
@@ -131,7 +119,7 @@ mod tests {
         assert!((summary.step_p50_us - 100.0).abs() < 1e-9, "{summary:?}");
         // Rank 0.99 * 49 = 48.51 of 0 to 49: between the last step of 100 µs and the one of 3 ms.
         assert!((summary.step_p99_us - (100.0 + 0.51 * 2900.0)).abs() < 1e-6, "{summary:?}");
-        assert_eq!(timing.overruns(), 0);
+        assert_eq!(timing.overruns, 0);
         assert_eq!(timing.summary(start + 2000 * MS).unwrap().step_p99_us, 0.0, "an empty second");
     }
 
@@ -141,11 +129,11 @@ mod tests {
         let mut timing = Timing::new(20 * MS, start);
         timing.frame(start, 0);
         timing.step(start, start + 21 * MS);
-        assert_eq!((timing.overruns(), timing.last_step_us()), (1, Some(21_000.0)));
+        assert_eq!((timing.overruns, timing.last_step_us), (1, Some(21_000.0)));
         timing.frame(start + 60 * MS, 1);
-        assert_eq!(timing.overruns(), 1, "that step also made the plant skip a frame: one overrun, not two");
+        assert_eq!(timing.overruns, 1, "that step also made the plant skip a frame: one overrun, not two");
         timing.step(start + 60 * MS, start + 61 * MS);
         timing.frame(start + 120 * MS, 3);
-        assert_eq!(timing.overruns(), 2, "a frame skipped because of the work after the step");
+        assert_eq!(timing.overruns, 2, "a frame skipped because of the work after the step");
     }
 }

@@ -133,7 +133,7 @@ fn check_presence(world: &mut World) {
         world.rules.check_memory(t_s, *id, &process.agent);
         for peer in ids.iter().filter(|peer| *peer != id) {
             let has_link = world.network.ends_with(*id, *peer) > 0;
-            if process.agent.is_linked(*peer) != has_link {
+            if process.agent.network.is_linked(*peer) != has_link {
                 let what = format!("node {id} has a link with {peer}: {has_link}, and counts the contrary");
                 world.rules.broken(t_s, rules::PRESENCE, what);
             }

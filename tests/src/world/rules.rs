@@ -226,7 +226,7 @@ impl Rules {
 
     /// What enters the station was sent by its honest sender, or signed by the operator.
     fn check_received(&mut self, t_s: f64, id: VehicleId, agent: &SimulatedAgent) {
-        for received in agent.received() {
+        for received in &agent.received {
             let message = received.message;
             let of = |id: VehicleId| self.honest.contains(id).then(|| self.sent.get(&id));
             let is_true = match message {
@@ -258,7 +258,7 @@ impl Rules {
     fn news_of_peers(&mut self, id: VehicleId, agent: &SimulatedAgent) -> VehicleSet {
         let Some(known) = self.known.get_mut(&id) else { return VehicleSet::default() };
         let mut news = VehicleSet::default();
-        for received in agent.received() {
+        for received in &agent.received {
             let (sender, is_new) = match received.message {
                 PeerMessage::State(state) => {
                     let (sender, order) = (state.header.sender, state.header.order());
@@ -443,7 +443,7 @@ impl Rules {
 
     /// Checks the memory of an agent's link.
     pub(super) fn check_memory(&mut self, t_s: f64, id: VehicleId, agent: &SimulatedAgent) {
-        let sizes = agent.sizes();
+        let sizes = agent.network.sizes();
         let orders = agent.agent().orders().len();
         let most_orders = VEHICLES + 1 + TunableKey::ALL.len();
         let most = LinkSizes {

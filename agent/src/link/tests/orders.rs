@@ -144,7 +144,7 @@ fn an_agent_without_a_run_refuses_peers_with_a_run_and_signed_orders() {
             LocalTime::ZERO,
         );
     }
-    assert_eq!((by_hand.receiver.verifier.run(), by_hand.drops().forged), (0, 7), "seven peers agree on a run");
+    assert_eq!((by_hand.receiver.trust.run, by_hand.drops().forged), (0, 7), "seven peers agree on a run");
     let bad = [
         sign(&operator, &swarm, Branch::SWARM, 0, order(9, Verb::Abort)),
         sign(&operator, &swarm, Branch::SWARM, RUN, order(9, Verb::Abort)),
@@ -167,7 +167,7 @@ fn an_agent_with_a_run_refuses_messages_of_another_run() {
     for sender in 2..9 {
         agent.receiver.store("vehicle/2/mission", PeerMessage::Mission(mission(sender, 1)), Some(5), LocalTime::ZERO);
     }
-    assert_eq!(agent.receiver.verifier.run(), RUN);
+    assert_eq!(agent.receiver.trust.run, RUN);
     let mut received = Vec::new();
     agent.drain(&mut received);
     assert_eq!(received, [], "of another run");

@@ -80,7 +80,7 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
             assert!(now() < deadline, "vehicle {other} does not reply with its time");
             health.query_next_clock();
             pause();
-            health.clocks.report(&mut peers);
+            crate::link::clocks::report(&mut health.measurements.lock(), &mut peers, now());
         }
     }
 
@@ -138,7 +138,7 @@ fn a_valid_vehicle_can_reply_for_itself_only() {
     let own = swarm.authority.tls("vehicle-3.2");
     let forger = swarm.forger("vehicle-3.2");
     let intruder = Sessions::open(&swarm.name, &["tls/127.0.0.1:0".to_owned()], &[], &secured(own)).unwrap();
-    let answer = move |query: zenoh::query::Query| {
+    let answer = move |query: Query| {
         for sender in [1, 3] {
             let forged = Heartbeat { header: forged_header(sender), ..mission(sender, 1) };
             let key = Topic::Mission(id(sender)).key();
