@@ -89,8 +89,8 @@ impl Sessions {
         // Before the session that dials, which waits half a second for peers that it cannot reach.
         let carried = tunnel.carry(listening.as_deref(), feed.as_deref());
         carried.map_err(|source| LinkError::Open { listen: tunnel.endpoints(), source: source.into() })?;
-        let dial = tunnel.zenoh_dials();
-        let dialling = if dial.is_empty() && listening.is_some() { None } else { Some(Arc::new(open(&[], &dial)?)) };
+        let dial = &tunnel.zenoh_dials;
+        let dialling = if dial.is_empty() && listening.is_some() { None } else { Some(Arc::new(open(&[], dial)?)) };
         Ok(Self { all: listening.into_iter().chain(dialling).collect(), feed, tunnel: Some(Arc::new(tunnel)) })
     }
 

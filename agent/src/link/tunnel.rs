@@ -41,8 +41,8 @@ use super::LinkError;
 use super::presence::Presence;
 use super::security::Tls;
 use crate::unix;
-use budget::{GuestLink, GuestRates, HandshakeRate, Limit, Quota, QuotaUse};
-use local::{Locals, ZenohListener};
+use budget::{ByteLimit, GuestLink, GuestRates, HandshakeRate, Quota, QuotaUse};
+use local::{FEED, FLIGHT, Place};
 use skein_host::clock::now;
 pub(super) use tls::{Peer, TlsContext};
 
@@ -76,7 +76,11 @@ const PAUSE: Duration = Duration::from_millis(100);
 pub(super) struct Tunnel {
     shared: Arc<TunnelState>,
     listeners: Vec<StdListener>,
-    locals: Locals,
+    place: Place,
+    /// Local endpoints for Zenoh to dial, one for each host to reach.
+    pub(super) zenoh_dials: Vec<String>,
+    /// The sockets behind them, each with the endpoint of its host.
+    dialled: Vec<(local::Listener, String)>,
     /// Carries the links with vehicles. Taken on drop, because a runtime must not wait for its own last thread.
     runtime: Option<Runtime>,
     /// Completes handshakes of hosts that dial this one, if any do, and carries the links with guests. Taken on drop too.
@@ -87,8 +91,32 @@ struct TunnelState {
     /// Certificates and keys; `None` on plain links.
     tls_context: Option<TlsContext>,
     presence: Arc<Presence>,
-    links: LinkBudget,
+    /// The links that other hosts have made with this one, counted by network and by certificate.
+    links_of_network: Arc<Quota<IpAddr>>,
+    links_of_certificate: Arc<Quota<String>>,
     guests: GuestRates,
+}
+
+impl TunnelState {
+    /// Counts one more link of another host with this one until the returned value is dropped.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::InvalidData`] if the network or the certificate has as many links as one may have.
+    fn admit(
+        &self,
+        connection: &Connection,
+        network: IpAddr,
+    ) -> io::Result<(QuotaUse<IpAddr>, Option<QuotaUse<String>>)> {
+        let full = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
+        let of_network = self.links_of_network.take(network, MAX_LINKS_PER_NETWORK, MAX_LINKS);
+        let of_network = of_network.ok_or_else(|| full(format!("{network} has too many links already")))?;
+        let Some(peer) = &connection.peer else { return Ok((of_network, None)) };
+        let most = if peer.vehicle.is_some() { MAX_LINKS_PER_VEHICLE } else { MAX_LINKS_PER_GUEST };
+        let of_certificate = self.links_of_certificate.take(peer.name.clone(), most, MAX_LINKS);
+        let of_certificate = of_certificate
+            .ok_or_else(|| full(format!("{most} links under the certificate {:?} exist already", peer.name)))?;
+        Ok((of_network, Some(of_certificate)))
+    }
 }
 
 impl Tunnel {
@@ -109,18 +137,25 @@ impl Tunnel {
         let thread = |name: &str| Builder::new_multi_thread().worker_threads(1).thread_name(name).enable_all().build();
         let runtime = thread("tunnel").map_err(taken)?;
         let for_guests = (!listeners.is_empty()).then(|| thread("guests")).transpose().map_err(taken)?;
-        let locals = runtime.block_on(async { Locals::open(dial) }).map_err(taken)?;
+        let place = Place::new().map_err(taken)?;
+        let bind = |(nth, host): (usize, &String)| place.bind(nth).map(|(local, at)| (at, (local, host.clone())));
+        let locals =
+            runtime.block_on(async { dial.iter().enumerate().map(bind).collect::<io::Result<(Vec<_>, Vec<_>)>>() });
+        let (zenoh_dials, dialled) = locals.map_err(taken)?;
         // Only a certificate identifies the vehicle at the other end.
         let presence = if tls_context.is_some() { Presence::by_links() } else { Presence::by_tokens() };
         Ok(Self {
             shared: Arc::new(TunnelState {
                 tls_context,
                 presence,
-                links: LinkBudget::new(),
+                links_of_network: Quota::new(),
+                links_of_certificate: Quota::new(),
                 guests: GuestRates::default(),
             }),
             listeners,
-            locals,
+            place,
+            zenoh_dials,
+            dialled,
             runtime: Some(runtime),
             for_guests,
         })
@@ -128,19 +163,14 @@ impl Tunnel {
 
     /// Local endpoint for Zenoh to listen on, if other hosts dial this one.
     pub(super) fn zenoh_listens(&self) -> Option<String> {
-        (!self.listeners.is_empty()).then(|| self.locals.zenoh_listens())
+        (!self.listeners.is_empty()).then(|| self.place.endpoint(FLIGHT))
     }
 
     /// Local endpoint for the feed to listen on, if guests can dial this host and be distinguished from vehicles: only a certificate
     /// says which of the two dials.
     pub(super) fn feed_listens(&self) -> Option<String> {
         let is_secured = self.shared.tls_context.is_some();
-        (is_secured && !self.listeners.is_empty()).then(|| self.locals.feed_listens())
-    }
-
-    /// Local endpoints for Zenoh to dial, one for each host to reach.
-    pub(super) fn zenoh_dials(&self) -> Vec<String> {
-        self.locals.zenoh_dials()
+        (is_secured && !self.listeners.is_empty()).then(|| self.place.endpoint(FEED))
     }
 
     /// Endpoints that other hosts dial, with the actual ports.
@@ -162,8 +192,8 @@ impl Tunnel {
         if let (Some(session), Some(for_guests)) = (listening, &self.for_guests) {
             let host = Arc::new(Host {
                 shared: self.shared.clone(),
-                zenoh: self.locals.zenoh(session)?,
-                feed: feed.map(|feed| self.locals.feed(feed)).transpose()?,
+                zenoh: self.place.address(FLIGHT, session)?,
+                feed: feed.map(|feed| self.place.address(FEED, feed)).transpose()?,
                 for_vehicles: runtime.handle().clone(),
                 for_guests: for_guests.handle().clone(),
             });
@@ -174,11 +204,11 @@ impl Tunnel {
             }
         }
         let _in_runtime = runtime.enter();
-        for (local, endpoint) in self.locals.take_dial_sockets() {
+        for (local, endpoint) in self.dialled.drain(..) {
             let shared = self.shared.clone();
             runtime.spawn(async move {
                 loop {
-                    match local.accept().await {
+                    match local::accept(&local).await {
                         Ok(zenoh) => _ = tokio::spawn(dial(zenoh, endpoint.clone(), shared.clone())),
                         Err(_) => sleep(PAUSE).await,
                     }
@@ -201,9 +231,9 @@ impl Drop for Tunnel {
 struct Host {
     shared: Arc<TunnelState>,
     /// Where the session listens that is linked with the other vehicles.
-    zenoh: ZenohListener,
+    zenoh: local::Address,
     /// Where the feed listens.
-    feed: Option<ZenohListener>,
+    feed: Option<local::Address>,
     /// Carry the links with vehicles and with guests.
     for_vehicles: Handle,
     for_guests: Handle,
@@ -241,7 +271,7 @@ async fn accept(listener: TcpListener, host: Arc<Host>) {
             let accepted = timeout(CONNECT_TIMEOUT, accepted).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
             drop(handshake);
             let address = from.ip().to_string();
-            match accepted.and_then(|connection| Ok((shared.links.admit(&connection, network)?, connection))) {
+            match accepted.and_then(|connection| Ok((shared.admit(&connection, network)?, connection))) {
                 Ok((within_budget, connection)) => host.link(connection, within_budget, address),
                 // A port scan, or a network that failed during the handshake.
                 Err(error) if error.kind() != io::ErrorKind::InvalidData => {
@@ -270,42 +300,10 @@ impl Host {
             let guest = connection.guest().map(|guest| self.shared.guests.link(&guest.name, now()));
             let zenoh = if guest.is_some() { self.feed.as_ref() } else { Some(&self.zenoh) };
             let Some(zenoh) = zenoh else { return };
-            if let Ok(here) = zenoh.connect().await {
+            if let Ok(here) = local::connect(zenoh).await {
                 carry(connection, here, &address, guest, &self.shared.presence).await;
             }
         });
-    }
-}
-
-/// The links that other hosts have made with this one, counted by network and by certificate.
-struct LinkBudget {
-    of_network: Arc<Quota<IpAddr>>,
-    of_certificate: Arc<Quota<String>>,
-}
-
-impl LinkBudget {
-    fn new() -> Self {
-        Self { of_network: Quota::new(), of_certificate: Quota::new() }
-    }
-
-    /// Counts one more link until the returned value is dropped.
-    ///
-    /// # Errors
-    /// [`io::ErrorKind::InvalidData`] if the network or the certificate has as many links as one may have.
-    fn admit(
-        &self,
-        connection: &Connection,
-        network: IpAddr,
-    ) -> io::Result<(QuotaUse<IpAddr>, Option<QuotaUse<String>>)> {
-        let full = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
-        let of_network = self.of_network.take(network, MAX_LINKS_PER_NETWORK, MAX_LINKS);
-        let of_network = of_network.ok_or_else(|| full(format!("{network} has too many links already")))?;
-        let Some(peer) = &connection.peer else { return Ok((of_network, None)) };
-        let most = if peer.vehicle.is_some() { MAX_LINKS_PER_VEHICLE } else { MAX_LINKS_PER_GUEST };
-        let of_certificate = self.of_certificate.take(peer.name.clone(), most, MAX_LINKS);
-        let of_certificate = of_certificate
-            .ok_or_else(|| full(format!("{most} links under the certificate {:?} exist already", peer.name)))?;
-        Ok((of_network, Some(of_certificate)))
     }
 }
 
@@ -401,7 +399,7 @@ async fn carry(
 async fn copy_within<R: AsyncRead + Unpin, W: AsyncWrite + Unpin>(
     from: &mut R,
     to: &mut W,
-    limit: Option<impl Limit>,
+    limit: Option<ByteLimit>,
 ) -> io::Result<()> {
     let Some(mut limit) = limit else { return copy(from, to).await.map(drop) };
     let mut bytes = vec![0; GUEST_BYTES_AT_ONCE];

@@ -52,7 +52,7 @@ pub(super) struct QuotaUse<K: Ord + Clone> {
 
 impl<K: Ord + Clone> Quota<K> {
     pub(super) fn new() -> Arc<Self> {
-        Arc::new(Self(Mutex::new(BTreeMap::new())))
+        Arc::new(Self(Mutex::default()))
     }
 
     /// Takes one use for this key. Returns `None` if the key has `most` already, or all keys together have `most_of_all`.
@@ -109,7 +109,7 @@ impl HandshakeRate {
 }
 
 /// A token bucket: it fills at a constant rate up to its size.
-pub(super) struct TokenBucket {
+struct TokenBucket {
     per_s: f64,
     size: f64,
     tokens: f64,
@@ -146,42 +146,36 @@ impl GuestRates {
             of_guest
         });
         let sent = TokenBucket::full(TO_GUEST_BYTES_PER_S, TO_GUEST_BYTES_AT_ONCE, now);
-        GuestLink { received: GuestReceived { of_guest, left: FROM_GUEST_BYTES }, sent }
+        GuestLink {
+            received: ByteLimit { rate: of_guest, left: FROM_GUEST_BYTES },
+            sent: ByteLimit { rate: Arc::new(Mutex::new(sent)), left: u64::MAX },
+        }
     }
 }
 
 /// Limits the traffic of one link with a guest.
 pub(super) struct GuestLink {
-    pub(super) received: GuestReceived,
-    pub(super) sent: TokenBucket,
-}
-
-/// Limits what a guest sends in one link.
-pub(super) struct GuestReceived {
-    /// Shared by all links of the guest. A guest that has more links keeps its rate until the last of them ends.
-    of_guest: Arc<Mutex<TokenBucket>>,
-    left: u64,
+    pub(super) received: ByteLimit,
+    pub(super) sent: ByteLimit,
 }
 
 /// Limits one direction of a link.
-pub(super) trait Limit {
+pub(super) struct ByteLimit {
+    /// Of what a guest sends, it is shared by all links of the guest: one that has more links keeps its rate until the last of
+    /// them ends.
+    rate: Arc<Mutex<TokenBucket>>,
+    left: u64,
+}
+
+impl ByteLimit {
     /// Accounts for bytes that have been read. Returns the time to wait before they are passed on, or `None` if the link
     /// has to end.
-    fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration>;
-}
-
-impl Limit for GuestReceived {
-    fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration> {
+    pub(super) fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration> {
         self.left = self.left.checked_sub(bytes as u64)?;
-        self.of_guest.lock().take(bytes, now)
-    }
-}
-
-impl Limit for TokenBucket {
-    /// Takes a token for each byte, also those that come later: the time to wait is that until they have come.
-    fn take(&mut self, bytes: usize, now: Instant) -> Option<Duration> {
-        self.tokens = self.fill(now) - bytes as f64;
-        Some(Duration::from_secs_f64((-self.tokens / self.per_s).max(0.0)))
+        let mut rate = self.rate.lock();
+        // A token for each byte, also those that come later: the time to wait is that until they have come.
+        rate.tokens = rate.fill(now) - bytes as f64;
+        Some(Duration::from_secs_f64((-rate.tokens / rate.per_s).max(0.0)))
     }
 }
 

@@ -7,10 +7,14 @@ use std::io;
 use zenoh::Session;
 
 #[cfg(unix)]
-pub(super) use unix::{Locals, Stream, ZenohListener};
+pub(super) use unix::{Address, Listener, Place, Stream, accept, connect};
 
 #[cfg(not(unix))]
-pub(super) use loopback::{Locals, Stream, ZenohListener};
+pub(super) use loopback::{Address, Listener, Place, Stream, accept, connect};
+
+/// Names of the sockets that the session of the vehicles and the feed listen on.
+pub(super) const FLIGHT: &str = "zenoh";
+pub(super) const FEED: &str = "feed";
 
 #[cfg(unix)]
 mod unix {
@@ -26,85 +30,52 @@ mod unix {
     use super::{Session, io};
 
     pub(in super::super) type Stream = UnixStream;
+    pub(in super::super) type Listener = UnixListener;
+    pub(in super::super) type Address = PathBuf;
 
     /// Longest path of a socket, bytes (the system's limit, with the final NUL, is 108 on Linux and 104 on macOS).
     const MAX_PATH: usize = 100;
-    /// Names of the sockets that the session of the vehicles and the feed listen on.
-    const FLIGHT: &str = "zenoh";
-    const FEED: &str = "feed";
     /// The longest file name that we use in the folder.
     const LONGEST: &str = "/skein-4294967295-4294967295/dial-250.lock";
 
-    /// The local sockets of one tunnel, in a folder that is removed with them.
-    pub(in super::super) struct Locals {
-        folder: PathBuf,
-        outgoing: Vec<(DialSocket, String)>,
-        dials: Vec<String>,
-    }
+    /// The folder of one tunnel's sockets, which is removed with them.
+    pub(in super::super) struct Place(PathBuf);
 
-    impl Locals {
-        pub(in super::super) fn open(dial: &[String]) -> io::Result<Self> {
-            let mut locals = Self { folder: new_folder()?, outgoing: Vec::new(), dials: Vec::new() };
-            for (nth, endpoint) in dial.iter().enumerate() {
-                let path = locals.folder.join(format!("dial-{nth}"));
-                locals.dials.push(zenoh_endpoint(&path));
-                locals.outgoing.push((DialSocket(UnixListener::bind(path)?), endpoint.clone()));
-            }
-            Ok(locals)
+    impl Place {
+        pub(in super::super) fn new() -> io::Result<Self> {
+            new_folder().map(Self)
         }
 
-        pub(in super::super) fn zenoh_listens(&self) -> String {
-            zenoh_endpoint(&self.folder.join(FLIGHT))
+        /// A socket for Zenoh to dial, and its endpoint.
+        pub(in super::super) fn bind(&self, nth: usize) -> io::Result<(Listener, String)> {
+            let name = format!("dial-{nth}");
+            Ok((UnixListener::bind(self.0.join(&name))?, self.endpoint(&name)))
         }
 
-        pub(in super::super) fn feed_listens(&self) -> String {
-            zenoh_endpoint(&self.folder.join(FEED))
+        /// The endpoint of a socket with this name.
+        pub(in super::super) fn endpoint(&self, name: &str) -> String {
+            format!("unixsock-stream/{}", self.0.join(name).display())
         }
 
-        pub(in super::super) fn zenoh_dials(&self) -> Vec<String> {
-            self.dials.clone()
-        }
-
-        pub(in super::super) fn take_dial_sockets(&mut self) -> Vec<(DialSocket, String)> {
-            std::mem::take(&mut self.outgoing)
-        }
-
-        pub(in super::super) fn zenoh(&self, _: &Session) -> io::Result<ZenohListener> {
-            Ok(ZenohListener(self.folder.join(FLIGHT)))
-        }
-
-        pub(in super::super) fn feed(&self, _: &Session) -> io::Result<ZenohListener> {
-            Ok(ZenohListener(self.folder.join(FEED)))
+        /// Where a session listens that was given the endpoint with this name.
+        pub(in super::super) fn address(&self, name: &str, _: &Session) -> io::Result<Address> {
+            Ok(self.0.join(name))
         }
     }
 
-    impl Drop for Locals {
+    impl Drop for Place {
         fn drop(&mut self) {
             // A folder that cannot be removed does no harm.
-            let _ = fs::remove_dir_all(&self.folder);
+            let _ = fs::remove_dir_all(&self.0);
         }
     }
 
-    /// Local socket that Zenoh dials to reach one other host.
-    pub(in super::super) struct DialSocket(UnixListener);
-
-    impl DialSocket {
-        pub(in super::super) async fn accept(&self) -> io::Result<Stream> {
-            self.0.accept().await.map(|(stream, _)| stream)
-        }
+    pub(in super::super) async fn accept(listener: &Listener) -> io::Result<Stream> {
+        listener.accept().await.map(|(stream, _)| stream)
     }
 
-    /// Local socket that Zenoh listens on.
-    pub(in super::super) struct ZenohListener(PathBuf);
-
-    impl ZenohListener {
-        pub(in super::super) async fn connect(&self) -> io::Result<Stream> {
-            UnixStream::connect(&self.0).await
-        }
-    }
-
-    fn zenoh_endpoint(path: &Path) -> String {
-        format!("unixsock-stream/{}", path.display())
+    pub(in super::super) async fn connect(address: &Address) -> io::Result<Stream> {
+        UnixStream::connect(address).await
     }
 
     /// Whether no other user can replace a folder made in here: only this user can write to it, or its sticky bit lets
@@ -151,72 +122,48 @@ mod loopback {
     use super::{Session, io};
 
     pub(in super::super) type Stream = TcpStream;
+    pub(in super::super) type Listener = TcpListener;
+    pub(in super::super) type Address = SocketAddr;
 
-    /// The local sockets of one tunnel.
-    pub(in super::super) struct Locals {
-        outgoing: Vec<(DialSocket, String)>,
-        dials: Vec<String>,
-    }
+    /// The loopback, on which the system chooses the ports.
+    pub(in super::super) struct Place;
 
-    impl Locals {
-        pub(in super::super) fn open(dial: &[String]) -> io::Result<Self> {
-            let mut locals = Self { outgoing: Vec::new(), dials: Vec::new() };
-            for endpoint in dial {
-                let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
-                listener.set_nonblocking(true)?;
-                locals.dials.push(format!("tcp/{}", listener.local_addr()?));
-                locals.outgoing.push((DialSocket(TcpListener::from_std(listener)?), endpoint.clone()));
-            }
-            Ok(locals)
+    impl Place {
+        pub(in super::super) fn new() -> io::Result<Self> {
+            Ok(Self)
         }
 
-        pub(in super::super) fn zenoh_listens(&self) -> String {
+        /// A socket for Zenoh to dial, and its endpoint.
+        pub(in super::super) fn bind(&self, _: usize) -> io::Result<(Listener, String)> {
+            let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
+            listener.set_nonblocking(true)?;
+            let endpoint = format!("tcp/{}", listener.local_addr()?);
+            Ok((TcpListener::from_std(listener)?, endpoint))
+        }
+
+        /// An endpoint for a session to listen on.
+        pub(in super::super) fn endpoint(&self, _: &str) -> String {
             "tcp/127.0.0.1:0".to_owned()
         }
 
-        pub(in super::super) fn feed_listens(&self) -> String {
-            "tcp/127.0.0.1:0".to_owned()
-        }
-
-        pub(in super::super) fn zenoh_dials(&self) -> Vec<String> {
-            self.dials.clone()
-        }
-
-        pub(in super::super) fn take_dial_sockets(&mut self) -> Vec<(DialSocket, String)> {
-            std::mem::take(&mut self.outgoing)
-        }
-
-        pub(in super::super) fn zenoh(&self, session: &Session) -> io::Result<ZenohListener> {
+        /// Where this session listens.
+        pub(in super::super) fn address(&self, _: &str, session: &Session) -> io::Result<Address> {
             let locators = session.info().locators().wait();
             let address = locators.iter().find_map(|locator| locator.address().as_str().parse().ok());
-            address.map(ZenohListener).ok_or_else(|| io::Error::other("Zenoh reports no address that it listens on"))
-        }
-
-        pub(in super::super) fn feed(&self, session: &Session) -> io::Result<ZenohListener> {
-            self.zenoh(session)
+            address.ok_or_else(|| io::Error::other("Zenoh reports no address that it listens on"))
         }
     }
 
-    /// Local socket that Zenoh dials to reach one other host.
-    pub(in super::super) struct DialSocket(TcpListener);
-
-    impl DialSocket {
-        pub(in super::super) async fn accept(&self) -> io::Result<Stream> {
-            let (stream, _) = self.0.accept().await?;
-            stream.set_nodelay(true)?;
-            Ok(stream)
-        }
+    pub(in super::super) async fn accept(listener: &Listener) -> io::Result<Stream> {
+        let (stream, _) = listener.accept().await?;
+        stream.set_nodelay(true)?;
+        Ok(stream)
     }
 
-    /// Local address that Zenoh listens on.
-    pub(in super::super) struct ZenohListener(SocketAddr);
-
-    impl ZenohListener {
-        pub(in super::super) async fn connect(&self) -> io::Result<Stream> {
-            let stream = TcpStream::connect(self.0).await?;
-            stream.set_nodelay(true)?;
-            Ok(stream)
-        }
+    pub(in super::super) async fn connect(address: &Address) -> io::Result<Stream> {
+        let stream = TcpStream::connect(address).await?;
+        stream.set_nodelay(true)?;
+        Ok(stream)
     }
 }
 
