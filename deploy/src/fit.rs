@@ -94,7 +94,7 @@ fn fly(address: &str, profile: &Profile, interrupts: &Interrupts) -> Result<(Fit
             fit.stop();
         }
         let Some(frame) = link.wait(ATTEMPT).frame else {
-            if link.client().is_paused() {
+            if link.client.is_paused() {
                 heard = clock::now();
             }
             if clock::now().saturating_duration_since(heard).as_secs_f64() > SILENT_S {
@@ -111,7 +111,7 @@ fn fly(address: &str, profile: &Profile, interrupts: &Interrupts) -> Result<(Fit
             complain(step.rung.text());
         }
         if let Some(end) = step.end {
-            let version = link.client().version();
+            let version = link.client.version();
             link.release();
             let fitted = end.map_err(|error| Error::Failed(format!("{error}; the controls are given back")))?;
             return Ok((fitted, version));

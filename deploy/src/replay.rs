@@ -109,7 +109,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let refused = |error: &dyn std::error::Error| Error::Refused(format!("{name}: {error}"));
     let bytes = fs::read(&args.file).map_err(|error| refused(&error))?;
     let reader = InputsReader::new(&bytes).map_err(|error| refused(&error))?;
-    let flown = reader.flown().clone();
+    let flown = reader.flown.clone();
     let station = flown.station().map_err(|error| refused(&error))?;
     let replayed = replay(reader, station, args);
     say(&if args.json { indented(&as_json(&flown, &replayed)) } else { as_text(&flown, &replayed) });
@@ -169,7 +169,7 @@ fn replay(mut reader: InputsReader<'_>, mut station: Station, args: &ReplayArgs)
             break;
         }
     }
-    replayed.is_cut_off = reader.is_cut_off();
+    replayed.is_cut_off = reader.is_cut_off;
     replayed
 }
 

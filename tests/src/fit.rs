@@ -112,7 +112,7 @@ pub fn fit_over_wire(base: &str, acf: &str) -> Result<String, FitError> {
         generator.fill_bytes(bytes);
         true
     });
-    let mut client = Client::new(&origin, &profile, 50, indices.expect("random numbers")).expect("a profile that fits");
+    let mut client = Client::new(&origin, &profile, 50, indices.expect("random numbers"));
     let mut fit = Fit::new(Rules::shipped());
     let mut now = skein_host::clock::now();
     let mut sent: Vec<Vec<u8>> = Vec::new();

@@ -11,7 +11,7 @@ use skein_agent::plant::xplane::client::{Client, Indices};
 use skein_agent::plant::xplane::server::{Dataref, Task};
 use skein_agent::plant::xplane::standin::{RunState, Simulator, StandinOptions};
 use skein_agent::plant::xplane::wire::aircraft::Load;
-use skein_agent::plant::xplane::wire::dref::Template;
+use skein_agent::plant::xplane::wire::dref::Write;
 use skein_agent::plant::xplane::wire::operation;
 use skein_common::frame::{Geodetic, Origin, PositionNed};
 use skein_common::id::{Incarnation, VehicleId};
@@ -177,8 +177,7 @@ impl Swarm {
                 true
             });
             let clocks = Clocks::new(scenario, id);
-            let mut client = Client::new(&origin, &aircraft.xplane, RATE_HZ, indices.expect("random numbers"))
-                .expect("a profile that fits");
+            let mut client = Client::new(&origin, &aircraft.xplane, RATE_HZ, indices.expect("random numbers"));
             client.inquire();
             client.set_up(&scenario.plant).expect("a path that fits");
             let options = options(scenario, &origin, id, start, cell);
@@ -349,8 +348,8 @@ impl Swarm {
     /// # Panics
     /// If the path does not fit into a message.
     pub fn write(&mut self, nth: usize, path: &str, value: f32) {
-        let mut template = Template::new(path).expect("a path that fits");
-        let datagram = template.with_value(value).to_vec();
+        let mut datagram = Vec::new();
+        Write { value, path }.encode(&mut datagram).expect("a path that fits");
         self.order(nth, datagram);
     }
 
@@ -396,7 +395,7 @@ impl Swarm {
     /// # Panics
     /// If the simulator has no such number.
     pub fn read(&mut self, nth: usize, path: &str) -> f64 {
-        let dataref = Dataref::all().iter().position(|dataref| dataref.path() == path).expect("a dataref");
+        let dataref = Dataref::all().iter().position(|dataref| dataref.path == path).expect("a dataref");
         let values = self.vehicles[nth].simulator.serve(&Task::Read(vec![(dataref, None)])).expect("a frame");
         values.first().and_then(|value| value.as_f64()).expect("a number")
     }
@@ -434,7 +433,7 @@ impl Swarm {
 
     /// Places of the other aircraft that the simulator of the vehicle at this place draws.
     pub fn drawn(&mut self, nth: usize) -> Vec<PositionNed> {
-        let server = self.vehicles[nth].simulator.server();
+        let server = &self.vehicles[nth].simulator.server;
         let drawn = (1..=19).filter_map(|number| server.other(number));
         let geodetic =
             drawn.map(|pose| Geodetic::from_degrees(pose.latitude_deg, pose.longitude_deg, pose.elevation_m));

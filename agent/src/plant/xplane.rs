@@ -2,7 +2,6 @@
 //!
 //! | module | what it holds |
 //! | --- | --- |
-//! | `address` | resolves the addresses of simulators |
 //! | [`wire`] | encodes and decodes every datagram |
 //! | [`discovery`] | finds the X-Planes of a network |
 //! | [`placing`] | puts an aircraft to its vehicle's start |
@@ -15,16 +14,17 @@
 //!
 //! Degrees, X-Plane's axes and its single precision are used in this folder only.
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 
 use skein_common::frame::Origin;
+use skein_common::id::VehicleId;
 use skein_common::scenario::StartPattern;
 use skein_core::helicopter::TICK_S;
 use skein_core::plant::Plant;
 
 use super::vehicle::{PlantError, PlantVehicle};
 
-mod address;
 mod convert;
 mod socket;
 
@@ -36,8 +36,6 @@ pub mod server;
 pub mod standin;
 pub mod wire;
 
-pub(super) use address::default_address;
-pub use address::{listen_for, simulator};
 pub use client::Counters;
 pub use link::{XPlane, XPlaneLinkError};
 use placing::start_of;
@@ -60,4 +58,36 @@ fn link_of(address: Option<SocketAddr>, vehicle: &PlantVehicle<'_>) -> Result<XP
     let is_placed = scenario.start.pattern != StartPattern::AsIs && flown_s.is_none();
     link.set_up(is_placed.then(|| start_of(scenario, id)).flatten(), &scenario.plant)?;
     Ok(link)
+}
+
+/// Resolves `HOST[:PORT]`, IPv4 first where a name has several addresses.
+///
+/// # Errors
+/// If the address cannot be resolved.
+pub fn simulator(text: &str) -> Result<SocketAddr, PlantError> {
+    let addresses = if let Ok(ip) = text.parse::<IpAddr>() {
+        Ok(vec![(ip, wire::PORT).into()])
+    } else if text.contains(':') {
+        text.to_socket_addrs().map(Vec::from_iter)
+    } else {
+        (text, wire::PORT).to_socket_addrs().map(Vec::from_iter)
+    };
+    let address = |source| PlantError::Address { text: text.to_owned(), source };
+    let addresses = addresses.map_err(address)?;
+    let first = addresses.iter().find(|address| address.is_ipv4()).or(addresses.first());
+    first.copied().ok_or_else(|| address(io::ErrorKind::NotFound.into()))
+}
+
+/// The address of a vehicle's stand-in on this computer where nothing names another.
+pub(super) fn default_address(id: VehicleId) -> SocketAddr {
+    (Ipv4Addr::LOCALHOST, wire::PORT + 10 * u16::from(id.get() - 1)).into()
+}
+
+/// Local address to bind for talking to a simulator.
+pub fn listen_for(simulator: IpAddr) -> IpAddr {
+    match simulator {
+        _ if simulator.is_loopback() => simulator,
+        IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    }
 }

@@ -12,9 +12,9 @@ use skein_agent::plant::xplane::wire::dref::Write;
 use skein_agent::plant::xplane::wire::operation::Command as RunCommand;
 use skein_agent::plant::xplane::wire::prel::Placement;
 use skein_agent::plant::xplane::wire::rows::{self, Row};
-use skein_agent::plant::xplane::wire::rpos::{Position, PositionRequest};
+use skein_agent::plant::xplane::wire::rpos::{self, Position};
 use skein_agent::plant::xplane::wire::rref::{self, DatarefRequest};
-use skein_agent::plant::xplane::wire::{MAX_DATAGRAM, aircraft, radr};
+use skein_agent::plant::xplane::wire::{MAX_DATAGRAM, aircraft, decode_rate, encode_rate, radr};
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::time::PlantTime;
 use skein_core::aircraft::Profile;
@@ -68,10 +68,10 @@ fn requests() -> Vec<Vec<u8>> {
         roll_deg: 0.0,
     };
     let mut all = vec![
-        encoded(|out| PositionRequest { rate_hz: 50 }.encode(out)),
+        encoded(|out| encode_rate(&rpos::TAG, 50, out)),
         encoded(|out| placement.encode(out)),
         encoded(|out| pose.encode(out)),
-        encoded(|out| radr::RadarRequest { rate_hz: 10 }.encode(out)),
+        encoded(|out| encode_rate(&radr::TAG, 10, out)),
         encoded(|out| rows::encode_rows(&[Row { index: 8, values: [Some(0.1); 8] }; 2], out).unwrap()),
         b"ISE4\0\x40\0\0\x00127.0.0.1\0\0\0\0\0\0\x0049005\0\0\0\x01\0\0\0".to_vec(),
         b"DSEL\0\x03\0\0\0\x11\0\0\0".to_vec(),
@@ -117,8 +117,8 @@ fn decode_as_each(datagram: &[u8]) {
         assert!(position.latitude_deg.abs() <= 90.0 && position.longitude_deg.abs() <= 180.0);
         assert_eq!(Position::decode(&encoded(|out| position.encode(out))), Ok(position));
     }
-    if let Ok(request) = PositionRequest::decode(datagram) {
-        assert_eq!(PositionRequest::decode(&encoded(|out| request.encode(out))), Ok(request));
+    if let Ok(rate_hz) = decode_rate(datagram, &rpos::TAG) {
+        assert_eq!(decode_rate(&encoded(|out| encode_rate(&rpos::TAG, rate_hz, out)), &rpos::TAG), Ok(rate_hz));
     }
     if let Ok(request) = DatarefRequest::decode(datagram) {
         let again = encoded(|out| request.encode(out).unwrap());
@@ -149,7 +149,7 @@ fn decode_as_each(datagram: &[u8]) {
         assert!(values.len() * 8 + 5 == datagram.len());
     }
     let _ = RunCommand::decode(datagram);
-    let _ = (aircraft::Load::decode(datagram), radr::RadarRequest::decode(datagram));
+    let _ = (aircraft::Load::decode(datagram), decode_rate(datagram, &radr::TAG));
 }
 
 fn sender(from: &mut Unstructured) -> Result<SocketAddr> {
@@ -230,7 +230,7 @@ fn an_agent_takes_any_datagram_and_writes_only_controls_within_their_travel() {
             let received = (datagram(from, &replies)?, sender(from)?, from.int_in_range(0..=60)?);
             Ok((received, [number(from)?, number(from)?, number(from)?, number(from)?]))
         });
-        let mut client = Client::new(&origin, &Profile::default(), 50, drawn().unwrap()).unwrap();
+        let mut client = Client::new(&origin, &Profile::default(), 50, drawn().unwrap());
         let mut at = now();
         let mut sent: Vec<Vec<u8>> = Vec::new();
         for ((datagram, from, later_ms), [roll, pitch, yaw, collective]) in steps {
@@ -245,7 +245,7 @@ fn an_agent_takes_any_datagram_and_writes_only_controls_within_their_travel() {
             client.command(controls, at, &mut |datagram| sent.push(datagram.to_vec()));
             for datagram in sent.drain(..) {
                 let Ok(Write { path, value }) = Write::decode(&datagram) else {
-                    assert!(PositionRequest::decode(&datagram).is_ok() || DatarefRequest::decode(&datagram).is_ok());
+                    assert!(decode_rate(&datagram, &rpos::TAG).is_ok() || DatarefRequest::decode(&datagram).is_ok());
                     continue;
                 };
                 assert!((-1.0..=1.0).contains(&value), "{path} = {value}");

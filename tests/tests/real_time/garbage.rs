@@ -19,7 +19,7 @@ use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_agent::plant::xplane::wire::dref::Write as DrefWrite;
 use skein_agent::plant::xplane::wire::prel::Placement;
 use skein_agent::plant::xplane::wire::rpos::{self, Position};
-use skein_agent::plant::xplane::wire::rref;
+use skein_agent::plant::xplane::wire::{decode_rate, rref};
 use skein_agent::run::{self, Stop};
 use skein_common::frame::{Geodetic, VelocityNed};
 use skein_common::id::{Incarnation, SwarmName, VehicleId, VehicleSet};
@@ -110,7 +110,7 @@ impl Meddler {
     /// Checks that the agent sends whole messages only, and that every control is finite and within its travel.
     fn check(&self, datagram: &[u8]) {
         let Ok(DrefWrite { path, value }) = DrefWrite::decode(datagram) else {
-            let is_request = rpos::PositionRequest::decode(datagram).is_ok()
+            let is_request = decode_rate(datagram, &rpos::TAG).is_ok()
                 || rref::DatarefRequest::decode(datagram).is_ok()
                 || Placement::decode(datagram).is_ok();
             assert!(is_request, "{datagram:?}");
@@ -283,7 +283,7 @@ fn garbage_on_every_port_is_counted_and_never_believed() {
     )
     .unwrap();
     let mut standin = Standin::open(&options).unwrap();
-    let simulator = SocketAddr::from(([127, 0, 0, 1], standin.address().port()));
+    let simulator = SocketAddr::from(([127, 0, 0, 1], standin.address.port()));
     let meddler = Meddler::new(simulator);
     let seen = meddler.seen.clone();
     let between = meddler.agent_side.local_addr().unwrap();

@@ -10,7 +10,6 @@
 //! in a paused simulator, positions make no frames.
 
 mod clock;
-mod controls;
 mod holder;
 mod inquiry;
 mod pilot;
@@ -23,23 +22,23 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::{Geodetic, Origin, TangentPlane};
 use skein_common::math::{cos, hypot};
-use skein_common::message::{SimulatorFault, Standstill};
+use skein_common::message::Standstill;
 use skein_common::scenario::VehicleModel;
 
 use super::convert;
 use super::placing::{NEAR_ORIGIN_M, Placing, PlacingState, from_origin_m, is_flying};
+use super::wire::dref::Write;
 use super::wire::prel::Placement;
 use super::wire::rpos::{self, Position};
-use super::wire::{WireError, rref};
+use super::wire::{WireError, encode_rate, rref};
 use clock::Clock;
-use controls::ControlWriter;
 use holder::Holder;
 use inquiry::Inquiry;
 pub use inquiry::RANDOM_FAILURES;
 use pilot::Pilot;
 pub use session::Indices;
-use session::{METRES_PER_DEGREE, Provenance, Reading, Sender, Senders, TOP_SPEED_M_S, wrap_deg};
-use skein_core::aircraft::Profile;
+use session::{METRES_PER_DEGREE, Provenance, Reading, Readings, Sender, Senders, TOP_SPEED_M_S, wrap_deg};
+use skein_core::aircraft::{Dataref, Profile};
 use skein_core::plant::{Command, Controls, Frame, PeerPose, PlantStatus};
 use traffic::PeerTraffic;
 
@@ -94,7 +93,6 @@ pub struct Client {
     profile: Profile,
     indices: Indices,
     senders: Senders,
-    controls: ControlWriter,
     clock: Clock,
     holder: Holder,
     pilot: Pilot,
@@ -105,19 +103,11 @@ pub struct Client {
     traffic: PeerTraffic,
     /// The questions that it asks the simulator once, if it does.
     inquiry: Option<Inquiry>,
-    /// The simulator's running time as last received, s.
-    running_s: f32,
-    is_paused: bool,
-    is_in_replay: bool,
-    has_crashed: bool,
+    readings: Readings,
     /// The position of the last frame, and whether that frame was too far from the one before to have been flown.
     place: Option<(Position, Instant)>,
     was_placed: bool,
-    /// When the rotor speed arrived, and its value in revolutions per minute.
-    pub(super) rotor_speed: Option<(Instant, f32)>,
-    version: Option<u32>,
-    /// Latitude and longitude of the origin of X-Plane's local frame, deg, as last received, and the frame.
-    reference_deg: [Option<f32>; 2],
+    /// X-Plane's local frame.
     plane: Option<TangentPlane>,
     /// The newest position that has not yet made a frame, and its arrival time.
     position: Option<(Position, Instant)>,
@@ -125,22 +115,19 @@ pub struct Client {
     last_subscribed: Option<Instant>,
     overrides_confirmed: Option<Instant>,
     outgoing: Vec<u8>,
-    counters: Counters,
+    /// Counts so far.
+    pub counters: Counters,
 }
 
 impl Client {
     /// A client that will ask for `rate_hz` positions a second. It sends nothing before the first [`Self::renew`] and does
     /// not touch the controls before the first [`Self::command`].
-    ///
-    /// # Errors
-    /// If a dataref of the profile does not fit into a message.
-    pub fn new(origin: &Origin, profile: &Profile, rate_hz: u32, indices: Indices) -> Result<Self, WireError> {
-        Ok(Self {
+    pub fn new(origin: &Origin, profile: &Profile, rate_hz: u32, indices: Indices) -> Self {
+        Self {
             origin: *origin,
             rate_hz: rate_hz.max(1),
             profile: profile.clone(),
             senders: Senders::default(),
-            controls: ControlWriter::new(profile)?,
             clock: Clock::new(),
             holder: Holder::new(indices.first().unsigned_abs()),
             pilot: Pilot::default(),
@@ -149,15 +136,9 @@ impl Client {
             placing: None,
             traffic: PeerTraffic::default(),
             inquiry: None,
-            running_s: 0.0,
-            is_paused: false,
-            is_in_replay: false,
-            has_crashed: false,
+            readings: Readings::default(),
             place: None,
             was_placed: false,
-            rotor_speed: None,
-            version: None,
-            reference_deg: [None; 2],
             plane: None,
             position: None,
             last_position: None,
@@ -165,7 +146,7 @@ impl Client {
             overrides_confirmed: None,
             outgoing: Vec::with_capacity(rref::REQUEST_SIZE),
             counters: Counters::default(),
-        })
+        }
     }
 
     /// From now on places the aircraft, if it is on the ground elsewhere, before its flight.
@@ -186,11 +167,9 @@ impl Client {
     /// If the path of the aircraft file for peers does not fit into a message.
     pub fn set_up(&mut self, plant: &VehicleModel) -> Result<(), WireError> {
         if plant.random_failures {
-            self.inquiry.iter_mut().for_each(Inquiry::want_failures);
+            self.inquiry.iter_mut().for_each(|inquiry| inquiry.wants_failures = true);
         }
-        if let Some(deflection) = plant.stick_release {
-            self.pilot.take_at(deflection as f32);
-        }
+        self.pilot.takes_at = plant.stick_release.map(|deflection| deflection as f32);
         self.traffic = PeerTraffic::new(plant.show_peers, plant.peer_acf.as_deref())?;
         Ok(())
     }
@@ -210,56 +189,41 @@ impl Client {
 
     /// Positions of the controls as X-Plane reports them now; `None` if one has not arrived lately.
     pub fn controls(&self, now: Instant) -> Option<Controls> {
-        self.pilot.controls(now)
+        pilot::controls(&self.readings, now)
     }
 
     /// The status that the simulator reports now beside its frames.
     pub fn status(&mut self, now: Instant) -> PlantStatus {
         PlantStatus {
             standstill: self.standstill(now),
-            faults: self.faults().to_vec(),
-            controls: self.pilot.controls(now),
-            pilot_takes_over: self.pilot.takes_over(now),
+            faults: self.inquiry.as_ref().map_or_else(Vec::new, |inquiry| inquiry.faults.clone()),
+            controls: self.controls(now),
+            pilot_takes_over: self.pilot.takes_over(&self.readings, now),
         }
     }
 
     /// X-Plane's version number, once received: 121400 is 12.1.4.
     pub fn version(&self) -> Option<u32> {
-        self.version
+        self.readings.last(Reading::Version).map(|version| version as u32)
     }
 
     /// Whether the simulator reports that it is paused.
     pub fn is_paused(&self) -> bool {
-        self.is_paused
+        self.readings.is_on(Reading::Paused)
     }
 
     /// Why the simulator does not simulate this program's flight, if it does not.
     fn standstill(&mut self, now: Instant) -> Option<Standstill> {
         let other = self.inquiry.as_ref().and_then(Inquiry::other_aircraft);
         let reasons = [
-            self.is_in_replay.then_some(Standstill::InReplay),
-            self.is_paused.then_some(Standstill::Paused),
-            self.has_crashed.then_some(Standstill::Crashed),
+            self.readings.is_on(Reading::InReplay).then_some(Standstill::InReplay),
+            self.is_paused().then_some(Standstill::Paused),
+            self.readings.is_on(Reading::Crashed).then_some(Standstill::Crashed),
             (!self.is_released && self.holder.is_other(now)).then_some(Standstill::Occupied),
             other.map(Standstill::OtherAircraft),
             (self.was_placed || self.placing.is_some()).then_some(Standstill::Placed),
         ];
         reasons.into_iter().flatten().next()
-    }
-
-    /// Faults of the simulator's set-up, as found by the last complete inquiry.
-    fn faults(&self) -> &[SimulatorFault] {
-        self.inquiry.as_ref().map_or(&[], Inquiry::faults)
-    }
-
-    /// Last measured rate, simulated seconds per local second; 1 until measured.
-    pub fn time_rate(&self) -> f64 {
-        self.clock.rate()
-    }
-
-    /// Counts so far.
-    pub fn counters(&self) -> Counters {
-        self.counters
     }
 
     /// Nominal time between two frames, s.
@@ -291,7 +255,7 @@ impl Client {
         if let Some(inquiry) = inquiry {
             let from_origin_m = place.as_ref().map(|(position, _)| from_origin_m(origin, position));
             let near = from_origin_m.filter(|(away_m, _)| *away_m < NEAR_ORIGIN_M);
-            inquiry.stands_on(near.map(|(_, ground_m)| ground_m));
+            inquiry.ground_m = near.map(|(_, ground_m)| ground_m);
             inquiry.proceed(now, is_answering, |nth, request| ask(indices, nth, request, outgoing, send));
         }
     }
@@ -314,7 +278,7 @@ impl Client {
 
     /// Requests the position and the values; rates of zero end the subscription. A lost request is repeated later.
     fn subscribe(&mut self, rate_hz: u32, slow_hz: u32, send: Send<'_>) {
-        rpos::PositionRequest { rate_hz }.encode(&mut self.outgoing);
+        encode_rate(&rpos::TAG, rate_hz, &mut self.outgoing);
         send(&self.outgoing);
         for &value in Reading::ALL {
             let frequency_hz = if value == Reading::Version { slow_hz } else { rate_hz };
@@ -352,7 +316,8 @@ impl Client {
 
     /// Whether this position is the simulator's.
     fn is_own(&mut self, from: SocketAddr, position: &Position, now: Instant) -> bool {
-        match self.senders.assess(from, position, now, self.frame_period_s(), self.clock.rate()) {
+        let (period_s, rate) = (self.frame_period_s(), self.clock.rate);
+        match self.senders.assess(from, position, &self.readings, now, period_s, rate) {
             Sender::Simulator => return true,
             Sender::Unproven => self.counters.unproven += 1,
             Sender::Foreign(Some(excess_m)) if excess_m > 0.0 => {
@@ -377,51 +342,38 @@ impl Client {
             }
         }
         for (index, value) in rref::decode_values(datagram)? {
-            match self.indices.value(index) {
-                _ if !value.is_finite() => self.counters.malformed += 1,
-                Some(Reading::RunningTime) => {
-                    if value < std::mem::replace(&mut self.running_s, value) {
+            if !value.is_finite() {
+                self.counters.malformed += 1;
+                continue;
+            }
+            let Some(reading) = self.indices.value(index) else {
+                let question = self.indices.question(index).zip(self.inquiry.as_mut());
+                question.into_iter().for_each(|(nth, inquiry)| inquiry.answer(nth, value));
+                continue;
+            };
+            let before = self.readings.take(reading, value, now);
+            match reading {
+                Reading::RunningTime => {
+                    if before.is_some_and(|before| value < before) {
                         self.traffic.simulator_restarted();
                         self.inquiry.iter_mut().for_each(Inquiry::restart);
                     }
                     self.clock.running_time(now, value);
                 }
-                Some(Reading::Paused) => self.is_paused = value != 0.0,
-                Some(Reading::InReplay) => self.is_in_replay = value != 0.0,
-                Some(Reading::Crashed) => self.has_crashed = value != 0.0,
-                Some(Reading::Override) => self.holder.overridden(value != 0.0),
-                Some(Reading::Roll) => {
-                    self.holder.read(value, now);
-                    self.pilot.read(Reading::Roll, value, now);
+                Reading::Override => self.holder.overridden(value != 0.0),
+                Reading::Roll => self.holder.read(value, now),
+                // X-Plane moves the origin of its local frame after an aircraft that flies far.
+                Reading::ReferenceLatitude | Reading::ReferenceLongitude if before != Some(value) => {
+                    let [latitude, longitude] = [Reading::ReferenceLatitude, Reading::ReferenceLongitude]
+                        .map(|part| self.readings.last(part).map(f64::from));
+                    let place = latitude.zip(longitude).map(|(lat, lon)| Geodetic::from_degrees(lat, lon, 0.0));
+                    self.plane = place.filter(Geodetic::is_plausible).map(TangentPlane::new);
                 }
-                Some(Reading::RotorSpeed) => self.rotor_speed = Some((now, value)),
-                Some(Reading::Version) => self.version = Some(value as u32),
-                Some(Reading::ReferenceLatitude) => self.refer_to(0, value),
-                Some(Reading::ReferenceLongitude) => self.refer_to(1, value),
-                Some(part @ (Reading::Latitude | Reading::Longitude | Reading::Elevation)) => {
-                    self.senders.place(part, value, now);
-                }
-                Some(part) => self.pilot.read(part, value, now),
-                None => {
-                    let question = self.indices.question(index).zip(self.inquiry.as_mut());
-                    question.into_iter().for_each(|(nth, inquiry)| inquiry.answer(nth, value));
-                }
+                _ => {}
             }
         }
-        self.clock.set_paused(self.is_paused || self.is_in_replay);
+        self.clock.set_paused(self.is_paused() || self.readings.is_on(Reading::InReplay));
         Ok(())
-    }
-
-    /// Takes the latitude or longitude of the origin of X-Plane's local frame, which X-Plane moves after an aircraft that flies
-    /// far.
-    fn refer_to(&mut self, part: usize, degrees: f32) {
-        if self.reference_deg[part] == Some(degrees) {
-            return;
-        }
-        self.reference_deg[part] = Some(degrees);
-        let [latitude_deg, longitude_deg] = self.reference_deg.map(|degrees| degrees.map(f64::from));
-        let place = latitude_deg.zip(longitude_deg).map(|(lat, lon)| Geodetic::from_degrees(lat, lon, 0.0));
-        self.plane = place.filter(Geodetic::is_plausible).map(TangentPlane::new);
     }
 
     /// Counts a datagram of another program; logs the first, second, fourth, eighth and so on.
@@ -443,10 +395,8 @@ impl Client {
     /// The frame of the newest position; `None` without one, if it is not plausible, or if the simulator's time is stopped.
     pub fn frame(&mut self) -> Option<Frame> {
         let (position, at) = self.position.take()?;
-        let rotor_speed_rad_s = self
-            .rotor_speed
-            .filter(|&(since, _)| at.saturating_duration_since(since) < STALE)
-            .map(|(_, rpm)| convert::rad_s_from_rpm(rpm.into()));
+        let rotor_speed_rpm = self.readings.fresh(Reading::RotorSpeed, at);
+        let rotor_speed_rad_s = rotor_speed_rpm.map(|rpm| convert::rad_s_from_rpm(rpm.into()));
         let Some(measurement) = convert::measurement(&position, self.plane.as_ref(), rotor_speed_rad_s) else {
             self.refuse(WireError::OutOfRange);
             return None;
@@ -491,12 +441,18 @@ impl Client {
             self.counters.withheld_commands += 1;
             return;
         }
-        if self.overrides_confirmed.is_none_or(|at| now >= at + CONFIRM_OVERRIDES) {
-            self.controls.take(send);
-            self.overrides_confirmed = Some(now);
+        let Self { profile, outgoing, overrides_confirmed, .. } = self;
+        if overrides_confirmed.is_none_or(|at| now >= at + CONFIRM_OVERRIDES) {
+            // Also a confirmation: X-Plane forgets it when the aircraft is reloaded.
+            profile.overrides.iter().for_each(|dataref| write(dataref, 1.0, outgoing, send));
+            profile.hold.iter().for_each(|(dataref, value)| write(dataref, *value, outgoing, send));
+            *overrides_confirmed = Some(now);
         }
         self.holder.wrote(controls.roll as f32);
-        self.controls.set(controls, send);
+        write(&profile.roll, controls.roll as f32, outgoing, send);
+        write(&profile.pitch, controls.pitch as f32, outgoing, send);
+        write(&profile.yaw, controls.yaw as f32, outgoing, send);
+        profile.collective.iter().for_each(|dataref| write(dataref, controls.collective as f32, outgoing, send));
     }
 
     /// Gives the controls back, if they were taken, and ends the subscription.
@@ -521,7 +477,17 @@ impl Client {
             self.holder.gave_back();
         }
         let repeats = if was_holding { RELEASE_REPEATS } else { u32::from(self.holder.is_left_over()) };
-        (0..repeats).for_each(|_| self.controls.release(send));
+        let Self { profile, outgoing, .. } = self;
+        for dataref in (0..repeats).flat_map(|_| &profile.overrides) {
+            write(dataref, 0.0, outgoing, send);
+        }
+    }
+}
+
+/// Writes a dataref, whose path fits into every message.
+fn write(dataref: &Dataref, value: f32, out: &mut Vec<u8>, send: Send<'_>) {
+    if (Write { value, path: dataref.as_str() }).encode(out).is_ok() {
+        send(out);
     }
 }
 

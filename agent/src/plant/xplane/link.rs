@@ -45,9 +45,6 @@ pub enum XPlaneLinkError {
         /// Local address to bind.
         listen: IpAddr,
     },
-    /// A dataref of the aircraft's profile does not fit into a message.
-    #[error("a dataref of the aircraft's profile cannot be encoded: {0}")]
-    Profile(WireError),
     /// The path of the aircraft file for peers does not fit into a message.
     #[error("`plant.peer_acf` of the scenario cannot be encoded: {0}")]
     PeerAircraft(WireError),
@@ -58,7 +55,8 @@ pub enum XPlaneLinkError {
 
 /// Link to one X-Plane, real or a stand-in.
 pub struct XPlane {
-    client: Client,
+    /// The client, which holds what was received so far.
+    pub client: Client,
     port: Port,
     listen: IpAddr,
     simulator: Option<SocketAddr>,
@@ -75,7 +73,7 @@ impl XPlane {
     /// [`Plant::wait`] and does not touch the controls before the first [`Plant::command`].
     ///
     /// # Errors
-    /// If a socket cannot be opened, a dataref does not fit, or the system provides no random numbers.
+    /// If a socket cannot be opened, or the system provides no random numbers.
     pub fn new(
         origin: &Origin,
         address: Option<SocketAddr>,
@@ -91,7 +89,7 @@ impl XPlane {
         let port = UdpSocket::bind((listen, 0)).and_then(Port::new);
         let system = SystemRandom::new();
         let indices = Indices::draw(|bytes| system.fill(bytes).is_ok()).ok_or(XPlaneLinkError::NoRandomness)?;
-        let mut client = Client::new(origin, profile, rate_hz, indices).map_err(XPlaneLinkError::Profile)?;
+        let mut client = Client::new(origin, profile, rate_hz, indices);
         client.inquire();
         Ok(Self {
             client,
@@ -119,14 +117,9 @@ impl XPlane {
         self.simulator
     }
 
-    /// The client, which holds what was received so far.
-    pub fn client(&self) -> &Client {
-        &self.client
-    }
-
     /// Counts so far.
     pub fn counters(&self) -> Counters {
-        let received = self.client.counters();
+        let received = self.client.counters;
         Counters { faults: self.port.faults, malformed: received.malformed + self.malformed_beacons, ..received }
     }
 

@@ -38,6 +38,9 @@ pub const PORT: u16 = 49000;
 /// datagram that does not fit into the buffer.
 pub const MAX_DATAGRAM: usize = 65_536;
 
+/// Number of aircraft in X-Plane; the user's is number 0.
+const AIRCRAFT: u8 = 20;
+
 /// Why a datagram was refused, or could not be encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WireError {
@@ -97,6 +100,11 @@ impl<'a> Fields<'a> {
         Ok(*field)
     }
 
+    /// The number of an aircraft.
+    fn aircraft_number(&mut self) -> Result<u8, WireError> {
+        u8::try_from(self.next::<i32>()?).ok().filter(|number| *number < AIRCRAFT).ok_or(WireError::OutOfRange)
+    }
+
     /// The next bytes up to the first NUL among them, of a text field of this length.
     fn field(&mut self, length: usize) -> Result<&'a [u8], WireError> {
         let (field, rest) = self.0.split_at_checked(length).ok_or(WireError::WrongSize)?;
@@ -142,48 +150,27 @@ little_endian! {
     f64, |number| number.is_finite();
 }
 
-/// Declares a part of a message: its fields follow each other as they stand here. A field is packed as its type is, or by the
-/// functions `read` and `write` of the module after `as`.
+/// Declares a part of a message: its fields follow each other as they stand here, each packed as its type is.
 macro_rules! layout {
     (
         $(#[$about:meta])*
-        pub struct $name:ident { $($(#[$meaning:meta])* pub $field:ident: $type:ty $(as $module:ident)?,)* }
+        pub struct $name:ident { $($(#[$meaning:meta])* pub $field:ident: $type:ty,)* }
     ) => {
         $(#[$about])*
         pub struct $name { $($(#[$meaning])* pub $field: $type,)* }
 
         impl $crate::plant::xplane::wire::Packed for $name {
             fn read(fields: &mut $crate::plant::xplane::wire::Fields<'_>) -> Result<Self, WireError> {
-                Ok(Self { $($field: layout!(@read fields $($module)?)?,)* })
+                Ok(Self { $($field: fields.next()?,)* })
             }
 
             fn write(&self, out: &mut Vec<u8>) {
-                $(layout!(@write out, &self.$field $(, $module)?);)*
+                $(self.$field.write(out);)*
             }
         }
     };
-    (@read $fields:ident) => { $fields.next() };
-    (@read $fields:ident $module:ident) => { $module::read($fields) };
-    (@write $out:ident, $value:expr) => { $crate::plant::xplane::wire::Packed::write($value, $out) };
-    (@write $out:ident, $value:expr, $module:ident) => { $module::write($value, $out) };
 }
 use layout;
-
-/// How the number of an aircraft is packed.
-mod aircraft_number {
-    use super::{Fields, Packed, WireError};
-
-    /// Number of aircraft in X-Plane; the user's is number 0.
-    const AIRCRAFT: u8 = 20;
-
-    pub(super) fn read(fields: &mut Fields<'_>) -> Result<u8, WireError> {
-        u8::try_from(fields.next::<i32>()?).ok().filter(|number| *number < AIRCRAFT).ok_or(WireError::OutOfRange)
-    }
-
-    pub(super) fn write(number: &u8, out: &mut Vec<u8>) {
-        i32::from(*number).write(out);
-    }
-}
 
 /// The parts of a message that consists of parts of this length, bytes, at least one.
 fn parts<T: Packed>(datagram: &[u8], tag: &Tag, length: usize) -> Result<Vec<T>, WireError> {
@@ -222,14 +209,15 @@ fn put_text(out: &mut Vec<u8>, text: &str, longest: usize, field: usize) -> Resu
 
 /// Checks a text: UTF-8 without control characters.
 fn text(bytes: &[u8]) -> Result<&str, WireError> {
-    match std::str::from_utf8(bytes) {
-        Ok(text) if !text.contains(char::is_control) => Ok(text),
-        _ => Err(WireError::NotText),
-    }
+    std::str::from_utf8(bytes).ok().filter(|text| !text.contains(char::is_control)).ok_or(WireError::NotText)
 }
 
-/// Reads the request for something at a rate: decimal digits up to a NUL or to the end; padding after the NUL is ignored.
-fn rate_of(datagram: &[u8], tag: &Tag) -> Result<u32, WireError> {
+/// Decodes the request for something at a rate, a second, of which 0 ends the subscription: decimal digits up to a NUL or to the
+/// end; padding after the NUL is ignored.
+///
+/// # Errors
+/// If the datagram has another tag, or no rate.
+pub fn decode_rate(datagram: &[u8], tag: &Tag) -> Result<u32, WireError> {
     let digits = Fields(body(datagram, tag)?).text();
     if digits.is_empty() || !digits.iter().all(u8::is_ascii_digit) {
         return Err(WireError::NotText);
@@ -238,7 +226,7 @@ fn rate_of(datagram: &[u8], tag: &Tag) -> Result<u32, WireError> {
 }
 
 /// Encodes the request for something at a rate as digits and a NUL.
-fn put_rate(out: &mut Vec<u8>, tag: &Tag, rate_hz: u32) {
+pub fn encode_rate(tag: &Tag, rate_hz: u32, out: &mut Vec<u8>) {
     begin(out, tag);
     out.extend_from_slice(rate_hz.to_string().as_bytes());
     out.push(0);
@@ -246,8 +234,8 @@ fn put_rate(out: &mut Vec<u8>, tag: &Tag, rate_hz: u32) {
 
 /// Checks a dataref's path, which is printable ASCII.
 fn path(text: &[u8]) -> Result<&str, WireError> {
-    match std::str::from_utf8(text) {
-        Ok(path) if path.bytes().all(|byte| byte.is_ascii_graphic()) => Ok(path),
-        _ => Err(WireError::NotText),
-    }
+    std::str::from_utf8(text)
+        .ok()
+        .filter(|path| path.bytes().all(|byte| byte.is_ascii_graphic()))
+        .ok_or(WireError::NotText)
 }

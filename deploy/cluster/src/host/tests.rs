@@ -77,7 +77,7 @@ fn a_host_places_the_aircraft_of_its_x_plane_by_the_installed_scenario() {
 
     let given = ["standin", "--port", "0", "--beacon", "false", "--lat", "47.01", "--lon", "8.0"];
     let mut standin = Standin::open(&Cli::parse_from(given).options).unwrap();
-    let (address, stop) = (standin.address().to_string(), Arc::new(AtomicBool::new(false)));
+    let (address, stop) = (standin.address.to_string(), Arc::new(AtomicBool::new(false)));
     let of_thread = Arc::clone(&stop);
     let thread = thread::spawn(move || standin.run(&of_thread));
 

@@ -18,7 +18,7 @@ struct Cli {
 fn with(arguments: &[&str], act: impl FnOnce(SocketAddr, Option<SocketAddr>)) {
     let given = ["standin", "--port", "0", "--beacon", "false"].iter().chain(arguments);
     let mut standin = Standin::open(&Cli::parse_from(given).options).unwrap();
-    let (udp, web) = (standin.address(), standin.web_address());
+    let (udp, web) = (standin.address, standin.web_address());
     let stop = Arc::new(AtomicBool::new(false));
     let of_thread = Arc::clone(&stop);
     let thread = thread::spawn(move || standin.run(&of_thread));

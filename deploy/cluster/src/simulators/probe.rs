@@ -28,14 +28,14 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
     let mut link = link.map_err(|error| error.to_string())?;
     let until = clock::now() + SIMULATOR;
     let mut place = None;
-    while clock::now() < until && (place.is_none() || link.client().version().is_none()) {
+    while clock::now() < until && (place.is_none() || link.client.version().is_none()) {
         // Each wait renews the subscription if nothing arrives.
         if let Some(frame) = link.wait(ATTEMPT.min(until.saturating_duration_since(clock::now()))).frame {
             place = Some(frame.measurement.position);
         }
     }
     let received = link.counters();
-    let version = link.client().version().map(|version| format!("X-Plane {}", version_text(version)));
+    let version = link.client.version().map(|version| format!("X-Plane {}", version_text(version)));
     let name = version.unwrap_or_else(|| "an X-Plane of unknown version".to_owned());
     match place {
         Some(place) => Ok(format!(
@@ -46,7 +46,7 @@ pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
         )),
         None if received.frozen_frames > 0 => Ok(format!("{name}, paused")),
         // Its positions come from another port than its values, and the time was too short to verify that port.
-        None if received.unproven > 0 && received.foreign == 0 && link.client().version().is_some() => {
+        None if received.unproven > 0 && received.foreign == 0 && link.client.version().is_some() => {
             Ok(format!("{name}, its positions not yet verified"))
         }
         None if received.foreign > 0 => Err(format!(
@@ -85,7 +85,7 @@ mod tests {
         for more in [&[][..], &["--split-ports"]] {
             let options = Cli::parse_from(place.iter().chain(more)).options;
             let mut standin = Standin::open(&options).unwrap();
-            let address = standin.address();
+            let address = standin.address;
             let stop = Arc::new(AtomicBool::new(false));
             let of_thread = stop.clone();
             let standin = thread::spawn(move || standin.run(&of_thread));

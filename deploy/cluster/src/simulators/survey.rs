@@ -8,9 +8,10 @@ use std::time::{Duration, Instant};
 
 use ring::rand::{SecureRandom, SystemRandom};
 use skein_agent::plant::xplane::wire::dref::Write;
+use skein_agent::plant::xplane::wire::encode_rate;
 use skein_agent::plant::xplane::wire::operation::Command;
 use skein_agent::plant::xplane::wire::prel::Placement;
-use skein_agent::plant::xplane::wire::rpos::{self, Position, PositionRequest};
+use skein_agent::plant::xplane::wire::rpos::{self, Position};
 use skein_agent::plant::xplane::wire::rref::{self, DatarefRequest};
 use skein_agent::plant::xplane::{listen_for, simulator};
 use skein_host::clock;
@@ -186,7 +187,7 @@ impl Surveyor {
         let mut bytes = Vec::new();
         // A lost request shows as a silent dataref; the first requests are repeated.
         if positions_hz > 0 || values_hz == 0 {
-            PositionRequest { rate_hz: positions_hz }.encode(&mut bytes);
+            encode_rate(&rpos::TAG, positions_hz, &mut bytes);
             self.send(&bytes);
         }
         for (nth, path) in datarefs.iter().enumerate() {

@@ -35,7 +35,7 @@ impl Running {
         let given = ["standin", "--port", "0", "--beacon", "false"].iter().chain(arguments);
         let options = Cli::parse_from(given).options;
         let mut standin = Standin::open(&options).unwrap();
-        let (address, stop) = (standin.address(), Arc::new(AtomicBool::new(false)));
+        let (address, stop) = (standin.address, Arc::new(AtomicBool::new(false)));
         let web = standin.web_address().map_or(WebChoice::Off, |web| web.to_string().parse().unwrap());
         let of_thread = Arc::clone(&stop);
         let thread = Some(std::thread::spawn(move || standin.run(&of_thread)));

@@ -23,8 +23,8 @@ const MAX_SILENCE: Duration = Duration::from_secs(1);
 pub(super) struct Clock {
     time: PlantTime,
     last_frame: Option<Instant>,
-    /// Simulated seconds per local second.
-    rate: f64,
+    /// Last measured rate, simulated seconds per local second; 1 until measured.
+    pub(super) rate: f64,
     paused: bool,
     /// Start of the current measurement of the rate: local time and the simulator's time, s.
     mark: Option<(Instant, f32)>,
@@ -73,11 +73,6 @@ impl Clock {
             self.rate = ((f64::from(running_s) - f64::from(from_s)) / local.as_secs_f64()).min(MAX_RATE);
             self.mark = Some((at, running_s));
         }
-    }
-
-    /// Last measured rate, simulated seconds per local second.
-    pub(super) fn rate(&self) -> f64 {
-        self.rate
     }
 }
 

@@ -63,7 +63,8 @@ pub(super) struct Inquiry {
     datarefs: usize,
     /// Part of the path that is expected.
     acf: Option<String>,
-    wants_failures: bool,
+    /// Whether random failures are reported as wanted.
+    pub(super) wants_failures: bool,
     state: InquiryState,
     /// Requests that wait: the question, answers a second.
     waiting: VecDeque<(usize, u32)>,
@@ -72,10 +73,11 @@ pub(super) struct Inquiry {
     other: Option<String>,
     /// Whether the loaded aircraft has been compared since the last start of the inquiry.
     is_compared: bool,
-    /// Height of the ground below the aircraft above the scenario's origin, m, if the two can be compared.
-    ground_m: Option<f64>,
+    /// Height of the ground below the aircraft above the scenario's origin, m; `None` if the aircraft is too far from there. The
+    /// next inquiry reports it.
+    pub(super) ground_m: Option<f64>,
     /// Faults that the last complete inquiry has found.
-    faults: Vec<SimulatorFault>,
+    pub(super) faults: Vec<SimulatorFault>,
 }
 
 impl Inquiry {
@@ -94,25 +96,9 @@ impl Inquiry {
         }
     }
 
-    /// Takes the height of the ground below the aircraft above the scenario's origin, m; `None` if the aircraft is too far from
-    /// there. The next inquiry reports it.
-    pub(super) fn stands_on(&mut self, ground_m: Option<f64>) {
-        self.ground_m = ground_m;
-    }
-
-    /// From now on random failures are reported as wanted.
-    pub(super) fn want_failures(&mut self) {
-        self.wants_failures = true;
-    }
-
     /// Path of the loaded aircraft, if it is known to be another one than the profile is for.
     pub(super) fn other_aircraft(&self) -> Option<ShortText> {
         self.other.as_deref().map(ShortText::of)
-    }
-
-    /// Faults that the last complete inquiry has found.
-    pub(super) fn faults(&self) -> &[SimulatorFault] {
-        &self.faults
     }
 
     /// Asks anew: the simulator was restarted, or may have loaded another aircraft.
@@ -178,16 +164,11 @@ impl Inquiry {
         self.waiting.extend(open.map(|(nth, _)| (nth, ANSWERS_HZ)));
     }
 
-    /// Number of the question about the path's first byte.
-    fn first_byte(&self) -> usize {
-        self.datarefs + RANDOM_FAILURES.len()
-    }
-
     /// Questions that stay subscribed: about random failures, and about the bytes of the path up to the zero at its end.
     fn watched(&self) -> Range<usize> {
-        let bytes = &self.questions[self.first_byte()..];
+        let (datarefs, failures, bytes) = self.parts();
         let length = bytes.iter().take_while(|byte| byte.answer.is_some_and(|value| value != 0.0)).count();
-        self.datarefs..self.questions.len().min(self.first_byte() + length + 1)
+        datarefs.len()..self.questions.len().min(datarefs.len() + failures.len() + length + 1)
     }
 
     /// The profile's datarefs, those of random failures, and the bytes of the path.
@@ -342,7 +323,7 @@ mod tests {
         }
 
         fn faults(&self) -> Vec<String> {
-            self.inquiry.faults().iter().map(ToString::to_string).collect()
+            self.inquiry.faults.iter().map(ToString::to_string).collect()
         }
     }
 
@@ -359,7 +340,7 @@ mod tests {
             }
             let asked = bench.asked;
             bench.run(10.0);
-            let (first, end) = (bench.inquiry.datarefs, bench.inquiry.first_byte() + length);
+            let (first, end) = (bench.inquiry.datarefs, bench.inquiry.datarefs + RANDOM_FAILURES.len() + length);
             assert!(bench.open.iter().copied().eq(first..end), "{:?}", bench.open);
             assert!(bench.asked <= asked + PATH_BYTES + 20, "each once");
             bench.inquiry.release(|nth, _| assert!(bench.open.remove(&nth), "{nth} was not subscribed"));
@@ -391,7 +372,7 @@ mod tests {
                 bench.run(2.0);
                 let wanted = [SimulatorFault::WantedRandomFailures];
                 let expected = if bench.inquiry.wants_failures { &wanted } else { faults };
-                assert_eq!(bench.inquiry.faults(), expected, "without {other}");
+                assert_eq!(bench.inquiry.faults, expected, "without {other}");
             }
         }
     }
@@ -408,7 +389,7 @@ mod tests {
             (Some(f64::INFINITY), Some("ground is 20000 m above the scenario's origin")),
         ] {
             bench.inquiry.restart();
-            bench.inquiry.stands_on(ground_m);
+            bench.inquiry.ground_m = ground_m;
             bench.run(6.0);
             let remedy = ", set origin.elevation_m to that of the ground";
             let expected: Vec<_> = expected.into_iter().map(|expected| format!("{expected}{remedy}")).collect();

@@ -85,6 +85,32 @@ values! {
     ReferenceLongitude: |_| Some("sim/flightmodel/position/lon_ref");
 }
 
+/// The newest value of each reading, and when it arrived.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Readings([Option<(Instant, f32)>; Reading::ALL.len()]);
+
+impl Readings {
+    /// Takes a value; returns the one before.
+    pub(super) fn take(&mut self, reading: Reading, value: f32, at: Instant) -> Option<f32> {
+        self.0[reading as usize].replace((at, value)).map(|(_, before)| before)
+    }
+
+    /// The value, whenever it arrived.
+    pub(super) fn last(&self, reading: Reading) -> Option<f32> {
+        self.0[reading as usize].map(|(_, value)| value)
+    }
+
+    /// The value, if it has not expired.
+    pub(super) fn fresh(&self, reading: Reading, now: Instant) -> Option<f32> {
+        self.0[reading as usize].filter(|(at, _)| now.saturating_duration_since(*at) < STALE).map(|(_, value)| value)
+    }
+
+    /// Whether the last value is another than 0.
+    pub(super) fn is_on(&self, reading: Reading) -> bool {
+        self.last(reading).is_some_and(|value| value != 0.0)
+    }
+}
+
 /// Most datarefs that are asked for besides the values, once.
 pub(super) const MAX_QUESTIONS: usize = 256;
 /// Largest first index of the questions: those above it are not negative either.
@@ -188,8 +214,6 @@ pub(super) enum Sender {
 /// Learns the port from which the simulator's positions come.
 #[derive(Debug, Default)]
 pub(super) struct Senders {
-    /// Latitude, longitude and elevation from values with our indices.
-    place: [Option<(Instant, f32)>; 3],
     /// Port that sends values with our indices.
     proven: Option<Contact>,
     /// Port whose positions are trusted.
@@ -217,23 +241,13 @@ impl Senders {
         self.proven = Some(Contact { address, at });
     }
 
-    /// Records a coordinate of the aircraft that came with our index.
-    pub(super) fn place(&mut self, part: Reading, value: f32, at: Instant) {
-        let part = match part {
-            Reading::Latitude => 0,
-            Reading::Longitude => 1,
-            Reading::Elevation => 2,
-            _ => return,
-        };
-        self.place[part] = Some((at, value));
-    }
-
-    /// Assesses the sender of a position that came from `from` at `at`. Positions are `frame_period_s` apart;
+    /// Assesses the sender of a position that came from `from` at `at`, by the values with our indices. Positions are `frame_period_s` apart;
     /// `time_rate` is the simulator's time against local time.
     pub(super) fn assess(
         &mut self,
         from: SocketAddr,
         position: &Position,
+        readings: &Readings,
         at: Instant,
         frame_period_s: f64,
         time_rate: f64,
@@ -242,7 +256,7 @@ impl Senders {
         if self.proven.is_some_and(|proven| proven.address == from && !proven.is_silent(at)) {
             return self.trust(contact);
         }
-        let excess_m = self.excess_m(position, at, frame_period_s, time_rate);
+        let excess_m = excess_m(position, readings, at, frame_period_s, time_rate);
         let agrees = excess_m.map(|excess_m| excess_m <= 0.0);
         let is_trusted = self.trusted.is_some_and(|trusted| trusted.address == from);
         let holds = self.trusted.is_some_and(|trusted| !trusted.is_silent(at));
@@ -275,32 +289,32 @@ impl Senders {
         self.candidate = Some((contact, since));
         outcome
     }
+}
 
-    /// Distance of the position from the values' place beyond the tolerance, m; `None` without fresh values.
-    ///
-    /// A value is an f32, up to one step from the true one, whether X-Plane rounds or truncates (at most 0.85 m of
-    /// latitude and 1.7 m of longitude). It may be older than the position by its age, or a frame younger; in that time
-    /// the aircraft moves at its speed.
-    fn excess_m(&self, position: &Position, at: Instant, frame_period_s: f64, time_rate: f64) -> Option<f64> {
-        let [Some(latitude), Some(longitude), Some(elevation)] = self.place else { return None };
-        let oldest = latitude.0.min(longitude.0).min(elevation.0);
-        let age = at.saturating_duration_since(oldest);
-        if age > FRESH {
-            return None;
-        }
-        let east_m_per_degree = METRES_PER_DEGREE * cos(position.latitude_deg.to_radians());
-        let turn_deg = wrap_deg(position.longitude_deg - f64::from(longitude.1));
-        let offset_m = [
-            excess(position.latitude_deg - f64::from(latitude.1), latitude.1) * METRES_PER_DEGREE,
-            excess(turn_deg, longitude.1) * east_m_per_degree,
-            excess(position.elevation_m - f64::from(elevation.1), elevation.1),
-        ];
-        let speed_m_s = [position.velocity_east_m_s, position.velocity_up_m_s, position.velocity_south_m_s];
-        let may_move_m = length(speed_m_s.map(f64::from)).min(TOP_SPEED_M_S)
-            * time_rate.max(1.0)
-            * (age.as_secs_f64() + frame_period_s);
-        Some(length(offset_m) - may_move_m - MARGIN_M)
+/// Distance of the position from the values' place beyond the tolerance, m; `None` without fresh values.
+///
+/// A value is an f32, up to one step from the true one, whether X-Plane rounds or truncates (at most 0.85 m of
+/// latitude and 1.7 m of longitude). It may be older than the position by its age, or a frame younger; in that time
+/// the aircraft moves at its speed.
+fn excess_m(position: &Position, readings: &Readings, at: Instant, frame_period_s: f64, time_rate: f64) -> Option<f64> {
+    let place = [Reading::Latitude, Reading::Longitude, Reading::Elevation].map(|part| readings.0[part as usize]);
+    let [Some(latitude), Some(longitude), Some(elevation)] = place else { return None };
+    let oldest = latitude.0.min(longitude.0).min(elevation.0);
+    let age = at.saturating_duration_since(oldest);
+    if age > FRESH {
+        return None;
     }
+    let east_m_per_degree = METRES_PER_DEGREE * cos(position.latitude_deg.to_radians());
+    let turn_deg = wrap_deg(position.longitude_deg - f64::from(longitude.1));
+    let offset_m = [
+        excess(position.latitude_deg - f64::from(latitude.1), latitude.1) * METRES_PER_DEGREE,
+        excess(turn_deg, longitude.1) * east_m_per_degree,
+        excess(position.elevation_m - f64::from(elevation.1), elevation.1),
+    ];
+    let speed_m_s = [position.velocity_east_m_s, position.velocity_up_m_s, position.velocity_south_m_s];
+    let may_move_m =
+        length(speed_m_s.map(f64::from)).min(TOP_SPEED_M_S) * time_rate.max(1.0) * (age.as_secs_f64() + frame_period_s);
+    Some(length(offset_m) - may_move_m - MARGIN_M)
 }
 
 /// How far a difference from a value exceeds one f32 step of that value.

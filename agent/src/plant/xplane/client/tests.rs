@@ -14,6 +14,13 @@ use crate::plant::xplane::standin::{Simulator, StandinOptions};
 const FRAME: Duration = Duration::from_millis(20);
 const SIMULATOR: SocketAddr = SocketAddr::new(IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 49_000);
 
+impl Client {
+    /// The rotor's speed as last received.
+    pub(in crate::plant::xplane) fn rotor_speed_rpm(&self) -> Option<f32> {
+        self.readings.last(Reading::RotorSpeed)
+    }
+}
+
 /// A simulator with its clients.
 struct Bench {
     simulator: Simulator,
@@ -42,7 +49,7 @@ impl Bench {
                 }
                 true
             });
-            Client::new(&origin(), profile, 50, indices.unwrap()).unwrap()
+            Client::new(&origin(), profile, 50, indices.unwrap())
         };
         Self {
             simulator: Simulator::new(&options).unwrap(),
@@ -65,9 +72,9 @@ impl Bench {
                 if let Some(collective) = self.commands[nth] {
                     let roll = 0.1 * (nth as f64 + 1.0) + 1e-4 * f64::from(frame % 100);
                     let controls = Controls { roll, collective, ..Controls::default() };
-                    let before = client.counters().withheld_commands;
+                    let before = client.counters.withheld_commands;
                     client.command(Command::Controls(controls), self.now, &mut |datagram| sent.push(datagram.to_vec()));
-                    let is_written = client.counters().withheld_commands == before;
+                    let is_written = client.counters.withheld_commands == before;
                     written[nth] += u64::from(is_written && frame + 50 >= frames);
                 }
                 for datagram in sent {
@@ -171,6 +178,6 @@ fn another_aircraft_than_the_profile_is_for_is_not_flown() {
         bench.clients[0].inquire();
         bench.run(2.0);
         assert_eq!(bench.standstill(0), expected, "{acf}");
-        assert_eq!(bench.clients[0].counters().foreign, 0, "its own questions are answered");
+        assert_eq!(bench.clients[0].counters.foreign, 0, "its own questions are answered");
     }
 }

@@ -11,7 +11,7 @@ use crate::plant::xplane::client::CONFIRM_OVERRIDES;
 use crate::plant::xplane::standin::{Standin, StandinOptions};
 use crate::plant::xplane::wire::dref::Write;
 use crate::plant::xplane::wire::rpos::{self, Position};
-use crate::plant::xplane::wire::{MAX_DATAGRAM, rref};
+use crate::plant::xplane::wire::{MAX_DATAGRAM, decode_rate, rref};
 use skein_core::plant::{Controls, Frame};
 
 const LOCAL: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
@@ -129,7 +129,7 @@ fn at_height(height_m: f32) -> Position {
 fn the_link_subscribes_at_its_first_wait_and_touches_no_control() {
     let (simulator, _link) = Scripted::silent();
     let received = &simulator.asked;
-    assert_eq!(rpos::PositionRequest::decode(&received[0]), Ok(rpos::PositionRequest { rate_hz: 50 }));
+    assert_eq!(decode_rate(&received[0], &rpos::TAG), Ok(50));
     let values: Vec<_> = received[1..].iter().map(|datagram| rref::DatarefRequest::decode(datagram).unwrap()).collect();
     let of = |path: &str| values.iter().find(|value| value.path == path).map(|value| value.frequency_hz);
     assert_eq!(of("sim/time/total_running_time_sec"), Some(50));
@@ -177,11 +177,7 @@ fn release_gives_the_override_back_and_unsubscribes_once() {
     let writes: Vec<_> = received.iter().filter_map(|datagram| Write::decode(datagram).ok()).collect();
     assert!(!writes.is_empty());
     assert!(writes.iter().all(|write| write.path.ends_with("override_joystick") && write.value == 0.0), "{writes:?}");
-    assert!(
-        received
-            .iter()
-            .any(|datagram| rpos::PositionRequest::decode(datagram) == Ok(rpos::PositionRequest { rate_hz: 0 }))
-    );
+    assert!(received.iter().any(|datagram| decode_rate(datagram, &rpos::TAG) == Ok(0)));
     let stopped = received.iter().filter_map(|datagram| rref::DatarefRequest::decode(datagram).ok());
     let mut indices: Vec<_> = stopped.map(|request| (request.frequency_hz, request.index)).collect();
     indices.sort_unstable();
@@ -373,7 +369,7 @@ mod beacons {
     fn the_beacon_of_the_stand_in_is_received_on_its_own_computer() {
         let Ok(mut search) = Search::new() else { return println!("skipped: this computer has no multicast") };
         let standin = Standin::open(&StandinOptions { beacon: true, ..live::options(0) }).unwrap();
-        let address = standin.address();
+        let address = standin.address;
         let _live = live::Live::run(standin);
         let (give_up, mut malformed) = (now() + TIMEOUT, 0);
         let mut received = Vec::new();
@@ -405,7 +401,7 @@ mod live {
 
         pub(super) fn run(mut standin: Standin) -> Self {
             let stop: &'static AtomicBool = Box::leak(Box::new(AtomicBool::new(false)));
-            Self { address: standin.address(), stop, thread: Some(thread::spawn(move || standin.run(stop))) }
+            Self { address: standin.address, stop, thread: Some(thread::spawn(move || standin.run(stop))) }
         }
     }
 

@@ -9,7 +9,7 @@ use super::clients::Schedule;
 use super::datarefs::Situation;
 use super::settings::{Setting, Settings};
 use crate::plant::xplane::convert::rpm_from_rad_s;
-use crate::plant::xplane::wire::radr::{RadarPoint, RadarPoint11, RadarRequest};
+use crate::plant::xplane::wire::radr::{RadarPoint, RadarPoint11};
 use crate::plant::xplane::wire::rows::{DATA_OUTPUT, Destination, Output, Row, Selection, encode_rows};
 use crate::plant::xplane::wire::{Tag, WireError};
 
@@ -146,9 +146,9 @@ pub(super) struct Radar(Option<(SocketAddr, Schedule)>);
 
 impl Radar {
     /// Subscribes a client, unless there is another one already.
-    pub(super) fn subscribe(&mut self, from: SocketAddr, request: RadarRequest, frame_rate_hz: u32) {
+    pub(super) fn subscribe(&mut self, from: SocketAddr, rate_hz: u32, frame_rate_hz: u32) {
         if self.0.is_none_or(|(client, _)| client == from) {
-            self.0 = (request.rate_hz > 0).then(|| (from, Schedule::new(request.rate_hz, frame_rate_hz)));
+            self.0 = (rate_hz > 0).then(|| (from, Schedule::new(rate_hz, frame_rate_hz)));
         }
     }
 

@@ -1,6 +1,6 @@
 //! VEHX and VEHS: set the pose of an aircraft; ACFN: load an aircraft.
 
-use super::{Packed, Tag, WireError, aircraft_number, begin, body_of_size, check_place, put_text, text};
+use super::{Packed, Tag, WireError, begin, body_of_size, check_place, put_text, text};
 
 /// Length of a [`Move`], bytes.
 const MOVE_SIZE: usize = 45;
@@ -64,7 +64,7 @@ impl Move {
         let mut fields = body_of_size(datagram, &physics.tag(), MOVE_SIZE)?;
         let moved = Self {
             physics,
-            aircraft: aircraft_number::read(&mut fields)?,
+            aircraft: fields.aircraft_number()?,
             latitude_deg: fields.next()?,
             longitude_deg: fields.next()?,
             elevation_m: fields.next()?,
@@ -78,7 +78,7 @@ impl Move {
     /// Encodes the new pose.
     pub fn encode(&self, out: &mut Vec<u8>) {
         begin(out, &self.physics.tag());
-        aircraft_number::write(&self.aircraft, out);
+        i32::from(self.aircraft).write(out);
         [self.latitude_deg, self.longitude_deg, self.elevation_m].iter().for_each(|value| value.write(out));
         [self.heading_deg, self.pitch_deg, self.roll_deg].iter().for_each(|value| value.write(out));
     }
@@ -102,7 +102,7 @@ impl<'a> Load<'a> {
     /// If the datagram is not this message, or the aircraft's number is out of range.
     pub fn decode(datagram: &'a [u8]) -> Result<Self, WireError> {
         let mut fields = body_of_size(datagram, &ACFN, LOAD_SIZE)?;
-        let aircraft = aircraft_number::read(&mut fields)?;
+        let aircraft = fields.aircraft_number()?;
         Ok(Self { aircraft, path: text(fields.field(PATH)?)?, livery: fields.next()? })
     }
 
@@ -112,7 +112,7 @@ impl<'a> Load<'a> {
     /// If the path is too long or contains a NUL.
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         begin(out, &ACFN);
-        aircraft_number::write(&self.aircraft, out);
+        i32::from(self.aircraft).write(out);
         put_text(out, self.path, MAX_PATH, PATH)?;
         self.livery.write(out);
         Ok(())

@@ -6,8 +6,8 @@ use super::{Packed, Tag, WireError, begin, body_of_size, path, put_text};
 pub const TAG: Tag = *b"DREF";
 /// Length of the message, bytes.
 pub const SIZE: usize = 509;
-/// Position of the value in the message, so that a message can be sent again with another value.
-const VALUE: std::ops::Range<usize> = 5..9;
+/// Length of the field of a path, bytes.
+const PATH: usize = 500;
 
 /// A write to a dataref. X-Plane converts the number to the dataref's own type.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,31 +35,6 @@ impl<'a> Write<'a> {
     pub fn encode(&self, out: &mut Vec<u8>) -> Result<(), WireError> {
         begin(out, &TAG);
         self.value.write(out);
-        put_text(out, self.path, SIZE - VALUE.end - 1, SIZE - VALUE.end)
-    }
-}
-
-/// An encoded write that is sent repeatedly with different values.
-#[derive(Clone, Debug)]
-pub struct Template(Vec<u8>);
-
-impl Template {
-    /// Encodes a write for this dataref, whose path has at most 499 bytes.
-    ///
-    /// # Errors
-    /// If the path is too long or contains a NUL.
-    pub fn new(path: &str) -> Result<Self, WireError> {
-        let mut datagram = Vec::with_capacity(SIZE);
-        Write { value: 0.0, path }.encode(&mut datagram)?;
-        Ok(Self(datagram))
-    }
-
-    /// The datagram that writes `value`.
-    pub fn with_value(&mut self, value: f32) -> &[u8] {
-        // A template has SIZE bytes, so the field exists.
-        if let Some(field) = self.0.get_mut(VALUE) {
-            field.copy_from_slice(&value.to_le_bytes());
-        }
-        &self.0
+        put_text(out, self.path, PATH - 1, PATH)
     }
 }

@@ -1,32 +1,10 @@
 //! RADR: the weather radar. X-Plane serves one client only. Versions 11 and 12 reply in different layouts, which only
 //! the version distinguishes.
 
-use super::{Packed, Tag, WireError, begin, layout, parts, put_rate, rate_of};
+use super::{Packed, Tag, WireError, begin, layout, parts};
 
-/// Tag of the message.
+/// Tag of the points, and of the request for a number of them a second.
 pub const TAG: Tag = *b"RADR";
-
-/// Subscription to the points of the radar.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RadarRequest {
-    /// Points per second; 0 ends the subscription.
-    pub rate_hz: u32,
-}
-
-impl RadarRequest {
-    /// Decodes the rate: decimal digits up to a NUL or to the end.
-    ///
-    /// # Errors
-    /// If the datagram is not a subscription.
-    pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
-        rate_of(datagram, &TAG).map(|rate_hz| Self { rate_hz })
-    }
-
-    /// Encodes the rate as digits and a NUL.
-    pub fn encode(&self, out: &mut Vec<u8>) {
-        put_rate(out, &TAG, self.rate_hz);
-    }
-}
 
 layout! {
     /// A point of X-Plane 12.

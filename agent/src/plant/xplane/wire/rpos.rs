@@ -1,33 +1,11 @@
 //! RPOS: the position stream. Positions are in double precision and carry no time stamp.
 
-use super::{Packed, Tag, WireError, begin, body_of_size, check_place, layout, put_rate, rate_of};
+use super::{Packed, Tag, WireError, begin, body_of_size, check_place, layout};
 
-/// Tag of the message.
+/// Tag of the position, and of the request for a number of them a second: X-Plane never sends more than one per frame.
 pub const TAG: Tag = *b"RPOS";
 /// Length of an encoded [`Position`], bytes.
 pub const SIZE: usize = 69;
-
-/// Subscription to [`Position`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PositionRequest {
-    /// Positions per second; 0 ends the subscription. X-Plane never sends more than one position per frame.
-    pub rate_hz: u32,
-}
-
-impl PositionRequest {
-    /// Decodes the rate: decimal digits up to a NUL or to the end; padding after the NUL is ignored.
-    ///
-    /// # Errors
-    /// If the datagram is not a subscription.
-    pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
-        rate_of(datagram, &TAG).map(|rate_hz| Self { rate_hz })
-    }
-
-    /// Encodes the rate as digits and a NUL.
-    pub fn encode(&self, out: &mut Vec<u8>) {
-        put_rate(out, &TAG, self.rate_hz);
-    }
-}
 
 layout! {
     /// Position and motion of the aircraft, in X-Plane's units and axes.

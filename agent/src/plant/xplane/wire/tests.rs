@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::becn::Beacon;
-use super::dref::{Template, Write};
+use super::dref::Write;
 use super::prel::Placement;
 use super::rpos::Position;
 use super::*;
@@ -75,7 +75,7 @@ mod golden {
 
     #[test]
     fn rpos_request() {
-        assert_eq!(encoded(|out| rpos::PositionRequest { rate_hz: 60 }.encode(out)), typed("52504f53 00 363000"));
+        assert_eq!(encoded(|out| encode_rate(&rpos::TAG, 60, out)), typed("52504f53 00 363000"));
     }
 
     #[test]
@@ -111,7 +111,6 @@ mod golden {
         assert_eq!(bytes.len(), 509);
         assert_eq!(encoded(|out| write.encode(out).unwrap()), bytes);
         assert_eq!(Write::decode(&bytes), Ok(write));
-        assert_eq!(Template::new(write.path).unwrap().with_value(-0.5), bytes);
     }
 
     #[test]
@@ -145,7 +144,7 @@ mod tolerance {
                 bytes
             };
             assert!(Position::decode(&with(typed(POSITION))).is_ok());
-            assert_eq!(rpos::PositionRequest::decode(&with(b"RPOS.50\0".to_vec())).unwrap().rate_hz, 50);
+            assert_eq!(decode_rate(&with(b"RPOS.50\0".to_vec()), &rpos::TAG).unwrap(), 50);
             let write = encoded(|out| Write { value: 1.0, path: "a/b" }.encode(out).unwrap());
             assert!(Write::decode(&with(write)).is_ok());
             assert!(rref::decode_values(&with(typed("52524546 2c 07000000 0000803f"))).is_ok());
@@ -168,9 +167,7 @@ mod tolerance {
 
     #[test]
     fn rates_may_be_padded_or_end_without_a_nul() {
-        let read = |text: &str| {
-            rpos::PositionRequest::decode(&[b"RPOS.", text.as_bytes()].concat()).map(|request| request.rate_hz)
-        };
+        let read = |text: &str| decode_rate(&[b"RPOS.", text.as_bytes()].concat(), &rpos::TAG);
         assert_eq!(["60\0", "60\0\0\0", "60", "60\0xyz"].map(read), [Ok(60); 4]);
         assert_eq!(read("0\0"), Ok(0));
         for nonsense in ["", "\0", "-1\0", "+5\0", "six\0", " 60\0", "99999999999\0"] {
@@ -375,12 +372,12 @@ proptest! {
             }
             messages.push(rref::TAG);
         }
-        if let Ok(request) = rpos::PositionRequest::decode(&datagram) {
-            let again = encoded(|out| request.encode(out));
+        if let Ok(rate_hz) = decode_rate(&datagram, &rpos::TAG) {
+            let again = encoded(|out| encode_rate(&rpos::TAG, rate_hz, out));
             let digits = datagram[5..].split(|byte| *byte == 0).next().unwrap();
             let value = digits.iter().fold(0, |value, digit| 10 * value + u64::from(digit - b'0'));
-            prop_assert_eq!(value, u64::from(request.rate_hz), "{:?}", digits);
-            prop_assert_eq!(rpos::PositionRequest::decode(&again), Ok(request));
+            prop_assert_eq!(value, u64::from(rate_hz), "{:?}", digits);
+            prop_assert_eq!(decode_rate(&again, &rpos::TAG), Ok(rate_hz));
             messages.push(rpos::TAG);
         }
         if let Ok(beacon) = Beacon::decode(&datagram) {
@@ -411,8 +408,7 @@ proptest! {
         pairs in prop::collection::vec((any::<i32>(), any_f32()), 0..=rref::MAX_VALUES),
     ) {
         prop_assert_eq!(Position::decode(&encoded(|out| position.encode(out))), Ok(position));
-        let request = rpos::PositionRequest { rate_hz };
-        prop_assert_eq!(rpos::PositionRequest::decode(&encoded(|out| request.encode(out))), Ok(request));
+        prop_assert_eq!(decode_rate(&encoded(|out| encode_rate(&rpos::TAG, rate_hz, out)), &rpos::TAG), Ok(rate_hz));
         let write = Write { value, path: &path };
         let bytes = encoded(|out| write.encode(out).unwrap());
         prop_assert_eq!(Write::decode(&bytes), Ok(write));

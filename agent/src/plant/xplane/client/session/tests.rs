@@ -22,12 +22,13 @@ fn moved_m(position: Position, north_m: f64) -> Position {
 /// The senders' assessment over time, frame by frame.
 struct Bench {
     senders: Senders,
+    readings: Readings,
     at: Instant,
 }
 
 impl Bench {
     fn new() -> Self {
-        Self { senders: Senders::default(), at: skein_host::clock::now() }
+        Self { senders: Senders::default(), readings: Readings::default(), at: skein_host::clock::now() }
     }
 
     fn wait_s(&mut self, seconds: f64) {
@@ -36,13 +37,13 @@ impl Bench {
 
     /// Records values with our indices.
     fn values(&mut self, position: &Position) {
-        self.senders.place(Reading::Latitude, position.latitude_deg as f32, self.at);
-        self.senders.place(Reading::Longitude, position.longitude_deg as f32, self.at);
-        self.senders.place(Reading::Elevation, position.elevation_m as f32, self.at);
+        self.readings.take(Reading::Latitude, position.latitude_deg as f32, self.at);
+        self.readings.take(Reading::Longitude, position.longitude_deg as f32, self.at);
+        self.readings.take(Reading::Elevation, position.elevation_m as f32, self.at);
     }
 
     fn position(&mut self, port: u16, position: &Position) -> Sender {
-        self.senders.assess(address(port), position, self.at, FRAME_S, 1.0)
+        self.senders.assess(address(port), position, &self.readings, self.at, FRAME_S, 1.0)
     }
 
     /// Runs frames with values and one position from each port; returns the assessment of the first port's last
@@ -170,13 +171,13 @@ fn a_hovering_aircrafts_position_is_checked_to_two_metres() {
     bench.values(&hovering());
     bench.wait_s(FRAME_S);
     for (north_m, agrees) in [(0.0, true), (0.9, true), (-0.9, true), (2.5, false), (-2.5, false)] {
-        let excess_m = bench.senders.excess_m(&moved_m(hovering(), north_m), bench.at, FRAME_S, 1.0).unwrap();
+        let excess_m = excess_m(&moved_m(hovering(), north_m), &bench.readings, bench.at, FRAME_S, 1.0).unwrap();
         assert_eq!(excess_m <= 0.0, agrees, "{north_m} m: {excess_m}");
     }
     let up = Position { elevation_m: 532.0, ..hovering() };
-    assert!(bench.senders.excess_m(&up, bench.at, FRAME_S, 1.0).unwrap() > 0.9);
+    assert!(excess_m(&up, &bench.readings, bench.at, FRAME_S, 1.0).unwrap() > 0.9);
     let fast = Position { velocity_up_m_s: 500.0, ..moved_m(hovering(), 10.0) };
-    assert!(bench.senders.excess_m(&fast, bench.at, FRAME_S, 1.0).unwrap() > 0.0, "the claimed speed is limited");
+    assert!(excess_m(&fast, &bench.readings, bench.at, FRAME_S, 1.0).unwrap() > 0.0, "the claimed speed is limited");
 }
 
 proptest! {
@@ -197,9 +198,9 @@ proptest! {
             if is_cut && is_outward { rounded.signum() * rounded.abs().next_down() } else { rounded }
         };
         let mut bench = Bench::new();
-        bench.senders.place(Reading::Latitude, single(latitude_deg), bench.at);
-        bench.senders.place(Reading::Longitude, single(longitude_deg), bench.at);
-        bench.senders.place(Reading::Elevation, single(elevation_m), bench.at);
+        bench.readings.take(Reading::Latitude, single(latitude_deg), bench.at);
+        bench.readings.take(Reading::Longitude, single(longitude_deg), bench.at);
+        bench.readings.take(Reading::Elevation, single(elevation_m), bench.at);
         bench.wait_s(age_s);
         let t_s = age_s + lead_s;
         let [north, east, up] = accelerations_m_s2;
@@ -219,7 +220,7 @@ proptest! {
             velocity_up_m_s: speeds[2] as f32,
             ..Position::default()
         };
-        let excess_m = bench.senders.excess_m(&position, bench.at, FRAME_S, 1.0).unwrap();
+        let excess_m = excess_m(&position, &bench.readings, bench.at, FRAME_S, 1.0).unwrap();
         prop_assert!(excess_m <= 0.0, "{}", excess_m);
     }
 }

@@ -57,7 +57,7 @@ fn a_peer_is_drawn_where_it_is_at_the_frame_rate_and_its_aircraft_is_given_back(
 fn a_simulator_that_is_not_there_is_sent_no_peers() {
     let (mut simulator, mut link) = Scripted::silent();
     link.set_up(None, &drawing(1, None)).unwrap();
-    assert!(link.client().shows_peers());
+    assert!(link.client.shows_peers());
     link.show_peers(&mut [peer(now())].into_iter());
     assert!(simulator.receive().is_empty());
     simulator.send_place(&link, &at_height(0.0));

@@ -99,7 +99,8 @@ fn values_with_guessed_indices_are_dropped() {
     rref::encode_values(&hit, &mut datagram).unwrap();
     spoofer.send_to(&datagram, to).unwrap();
     assert_eq!(link.wait(SOON).frame, None);
-    assert!(!link.client.is_paused() && link.client.rotor_speed.is_none() && link.client.version().is_none());
+    let client = &link.client;
+    assert!(!client.is_paused() && client.rotor_speed_rpm().is_none() && client.version().is_none());
     assert_eq!(link.drops().foreign, 101);
 }
 

@@ -7,11 +7,11 @@ use proptest::prelude::*;
 use super::{encoded, typed};
 use crate::plant::xplane::wire::aircraft::{ACFN, Load, Move, Physics};
 use crate::plant::xplane::wire::operation::{CMND, Command};
-use crate::plant::xplane::wire::radr::{self, RadarPoint, RadarPoint11, RadarRequest};
+use crate::plant::xplane::wire::radr::{self, RadarPoint, RadarPoint11};
 use crate::plant::xplane::wire::rows::{
     self, DATA_OUTPUT, Destination, ISE4, ISE6, MAX_ROWS, Output, Row, Selection, decode_rows, encode_rows,
 };
-use crate::plant::xplane::wire::{Tag, WireError};
+use crate::plant::xplane::wire::{Tag, WireError, decode_rate, encode_rate};
 
 const PLACE: &str = "0000000000403c40 0000000000a054c0 0000000000005940";
 
@@ -100,8 +100,7 @@ mod golden {
 
     #[test]
     fn radar() {
-        let request = RadarRequest { rate_hz: 10 };
-        assert_eq!(encoded(|out| request.encode(out)), typed("52414452 00 3130 00"));
+        assert_eq!(encoded(|out| encode_rate(&radr::TAG, 10, out)), typed("52414452 00 3130 00"));
         let point = RadarPoint {
             longitude_deg: 1.0,
             latitude_deg: -1.0,
@@ -211,7 +210,8 @@ proptest! {
         check!([*b"VEHX", *b"VEHS"], Move::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([ACFN], Load::decode, |it, out| it.encode(out));
         check!([CMND], Command::decode, |it, out| it.encode(out));
-        check!([radr::TAG], RadarRequest::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
+        let rate = |datagram: &[u8]| decode_rate(datagram, &radr::TAG);
+        check!([radr::TAG], rate, |it, out| { encode_rate(&radr::TAG, *it, out); Ok::<_, WireError>(()) });
         check!([radr::TAG], RadarPoint::decode, |it, out| { RadarPoint::encode(it, out); Ok::<_, WireError>(()) });
         check!([radr::TAG], RadarPoint11::decode, |it, out| { RadarPoint11::encode(it, out); Ok::<_, WireError>(()) });
         // A radar's request and replies are distinguished by their sender.
