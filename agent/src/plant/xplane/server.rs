@@ -27,7 +27,7 @@ use super::wire::becn::{self, Beacon};
 use super::wire::dref::{self, Write};
 use super::wire::operation::{self, Command};
 use super::wire::prel::{self, Placement};
-use super::wire::{WireError, radr, rows, rpos, rref};
+use super::wire::{self, WireError, radr, rows, rpos, rref};
 use clients::Clients;
 pub use commands::{Action, COMMANDS, CommandEntry};
 pub use datarefs::{DEFAULT_ACF, Dataref, Surroundings, ValueType};
@@ -101,9 +101,10 @@ pub struct Server {
     frames: u64,
     /// Simulated time since the start, s.
     running_s: f64,
-    is_paused: bool,
-    /// Datagrams that would have ended X-Plane or the computer.
-    refused_ends: u64,
+    /// Whether time stands still because of a pause.
+    pub is_paused: bool,
+    /// Number of datagrams so far that would have ended X-Plane or the computer.
+    pub refused_ends: u64,
     clients: Clients,
     rows: Rows,
     radar: Radar,
@@ -115,15 +116,17 @@ pub struct Server {
     situation: Option<Situation>,
     /// Velocity of the last frame, and the specific force since the one before.
     motion: Option<Motion>,
-    /// Poses of the other aircraft, and the files that clients have loaded for them.
+    /// Poses of the other aircraft.
     others: Others,
-    loaded: BTreeMap<u8, String>,
+    /// The files that clients have loaded last for the other aircraft, by number.
+    pub loaded: BTreeMap<u8, String>,
     /// Origin of X-Plane's local frame.
     reference: Option<TangentPlane>,
     has_collective: bool,
     /// Whether a client has moved the pilot's stick.
     has_stick: bool,
-    malformed: u64,
+    /// Number of malformed datagrams so far.
+    pub malformed: u64,
     unknown: BTreeSet<String>,
     pairs: Vec<(i32, f32)>,
     outgoing: Vec<u8>,
@@ -165,7 +168,9 @@ impl Server {
     pub fn handle(&mut self, datagram: &[u8], from: SocketAddr) -> Option<Order> {
         self.clients.received(from, self.frames);
         let outcome = match datagram.first_chunk() {
-            Some(&rpos::TAG) => self.subscribe_position(datagram, from).map(|()| None),
+            Some(&rpos::TAG) => wire::decode_rate(datagram, &rpos::TAG)
+                .map(|rate_hz| self.clients.subscribe_position(from, rate_hz, self.frames))
+                .map(|()| None),
             Some(&rref::TAG) => self.subscribe_value(datagram, from).map(|()| None),
             Some(&dref::TAG) => self.write(datagram),
             Some(&prel::TAG) => Placement::decode(datagram).map(|placement| self.place(placement)),
@@ -178,8 +183,8 @@ impl Server {
                 Move::decode(datagram).map(|moved| self.move_aircraft(moved))
             }
             Some(&ACFN) => Load::decode(datagram).map(|load| self.load(&load)),
-            Some(&radr::TAG) => radr::RadarRequest::decode(datagram)
-                .map(|request| self.radar.subscribe(from, request, self.frame_rate_hz))
+            Some(&radr::TAG) => wire::decode_rate(datagram, &radr::TAG)
+                .map(|rate_hz| self.radar.subscribe(from, rate_hz, self.frame_rate_hz))
                 .map(|()| None),
             Some(tag) if operation::ENDS.contains(tag) => {
                 // A class of students shares a network: one of them must not end the simulator of another.
@@ -233,11 +238,6 @@ impl Server {
         self.others.get(usize::from(number).checked_sub(1)?)?.as_ref()
     }
 
-    /// The aircraft file that a client has loaded last for the aircraft of this number.
-    pub fn loaded(&self, number: u8) -> Option<&str> {
-        self.loaded.get(&number).map(String::as_str)
-    }
-
     /// A placement begins a new flight, in which the pilot has the controls.
     fn place(&mut self, placement: Placement) -> Option<Order> {
         (placement.aircraft == 0).then(|| {
@@ -280,11 +280,6 @@ impl Server {
         (self.has_collective, self.has_stick) = (false, false);
     }
 
-    /// Whether time stands still because of a pause.
-    pub fn is_paused(&self) -> bool {
-        self.is_paused
-    }
-
     /// Whether the past is shown, while time stands still.
     pub fn is_in_replay(&self) -> bool {
         self.settings.first(Setting::Replay) != 0.0
@@ -310,17 +305,6 @@ impl Server {
     pub fn simulated_s(&self, frame_s: f64) -> f64 {
         let speed = f64::from(self.settings.first(Setting::Speed));
         if self.is_paused || self.is_in_replay() { 0.0 } else { frame_s.min(LONGEST_STEP_S) * speed }
-    }
-
-    /// Number of datagrams so far that would have ended X-Plane or the computer.
-    pub fn refused_ends(&self) -> u64 {
-        self.refused_ends
-    }
-
-    fn subscribe_position(&mut self, datagram: &[u8], from: SocketAddr) -> Result<(), WireError> {
-        let rpos::PositionRequest { rate_hz } = rpos::PositionRequest::decode(datagram)?;
-        self.clients.subscribe_position(from, rate_hz, self.frames);
-        Ok(())
     }
 
     fn subscribe_value(&mut self, datagram: &[u8], from: SocketAddr) -> Result<(), WireError> {
@@ -466,11 +450,6 @@ impl Server {
     pub fn is_used(&self) -> bool {
         let lately = PRESUMED_GONE_S * u64::from(self.frame_rate_hz);
         self.clients.all.iter().any(|client| client.last_received + lately >= self.frames)
-    }
-
-    /// Number of malformed datagrams so far.
-    pub fn malformed(&self) -> u64 {
-        self.malformed
     }
 }
 

@@ -51,23 +51,6 @@ pub fn run_standin(options: &StandinOptions, stop: &AtomicBool) -> Result<(), St
     Ok(())
 }
 
-/// Separate sending ports for positions and for values.
-struct Split {
-    positions: Port,
-    values: Port,
-}
-
-impl Split {
-    fn open(listen: Ipv4Addr) -> io::Result<Self> {
-        let port = || UdpSocket::bind((listen, 0)).and_then(Port::new);
-        Ok(Self { positions: port()?, values: port()? })
-    }
-
-    fn port_of(&mut self, datagram: &[u8]) -> &mut Port {
-        if datagram.starts_with(&rpos::TAG) { &mut self.positions } else { &mut self.values }
-    }
-}
-
 /// A stand-in that is ready to run.
 pub struct Standin {
     options: StandinOptions,
@@ -76,8 +59,9 @@ pub struct Standin {
     /// Datagrams that wait for the next frame.
     waiting: VecDeque<(Box<[u8]>, SocketAddr)>,
     /// Sending ports of positions and values, if not `port`.
-    split: Option<Split>,
-    address: SocketAddr,
+    split: Option<[Port; 2]>,
+    /// Address for clients on this computer.
+    pub address: SocketAddr,
     /// The Web API, if it has one.
     web: Option<Web>,
     beacons: Vec<UdpSocket>,
@@ -99,13 +83,14 @@ impl Standin {
         let port = UdpSocket::bind(wanted).and_then(Port::new).map_err(bind)?;
         // As much as the system allows: more requests fit while this thread does not run.
         let _ = port.options().set_recv_buffer_size(RECEIVE_BUFFER);
+        let sending = || UdpSocket::bind((listen, 0)).and_then(Port::new).map_err(bind);
         let open =
             |port| Web::open(port, &options.acf, options.incoming).map_err(|source| StandinError::Web { port, source });
         Ok(Self {
             simulator,
             web: web_port(options)?.map(open).transpose()?,
             options: options.clone(),
-            split: options.split_ports.then(|| Split::open(listen)).transpose().map_err(bind)?,
+            split: if options.split_ports { Some([sending()?, sending()?]) } else { None },
             address: (Ipv4Addr::LOCALHOST, port.local_addr().map_err(bind)?.port()).into(),
             port,
             waiting: VecDeque::new(),
@@ -114,14 +99,9 @@ impl Standin {
         })
     }
 
-    /// Address for clients on this computer.
-    pub fn address(&self) -> SocketAddr {
-        self.address
-    }
-
     /// Address of its Web API, if it has one.
     pub fn web_address(&self) -> Option<SocketAddr> {
-        self.web.as_ref().map(Web::address)
+        self.web.as_ref().map(|web| web.address)
     }
 
     /// Runs until `stop` becomes true, or until it is unused if the options ask for that.
@@ -136,7 +116,7 @@ impl Standin {
             let now = now();
             deadline = next_deadline(deadline, period, now);
             let is_needed =
-                launcher_gone.as_ref().is_none_or(|gone| !gone.load(Relaxed)) || self.simulator.server().is_used();
+                launcher_gone.as_ref().is_none_or(|gone| !gone.load(Relaxed)) || self.simulator.server.is_used();
             if is_needed {
                 last_used = now;
             } else if now >= last_used + UNUSED_TIMEOUT {
@@ -166,8 +146,8 @@ impl Standin {
     fn serve(&mut self) {
         let Self { simulator, web, .. } = self;
         // Before its first frame the simulator has no values: what is asked for waits.
-        if let Some(web) = web.as_mut().filter(|_| simulator.server().has_values()) {
-            web.serve(simulator.starts(), |task| simulator.serve(task));
+        if let Some(web) = web.as_mut().filter(|_| simulator.server.has_values()) {
+            web.serve(simulator.starts, |task| simulator.serve(task));
         }
     }
 
@@ -184,18 +164,22 @@ impl Standin {
         let mut gone = None;
         let Self { simulator, port, split, .. } = self;
         simulator.end_frame(frame_s, |to, datagram| {
-            let port = split.as_mut().map_or(&mut *port, |split| split.port_of(datagram));
+            let port = match split {
+                Some([positions, _]) if datagram.starts_with(&rpos::TAG) => positions,
+                Some([_, values]) => values,
+                None => &mut *port,
+            };
             if port.send(datagram, to).is_err_and(|error| is_receiver_down(&error)) {
                 gone = Some(to);
             }
         });
         if let Some(client) = gone {
-            self.simulator.server().forget(client);
+            self.simulator.server.forget(client);
         }
     }
 
     fn announce(&mut self) {
-        if let Some(beacon) = self.simulator.server().beacon(self.address.port(), &self.computer) {
+        if let Some(beacon) = self.simulator.server.beacon(self.address.port(), &self.computer) {
             for socket in &self.beacons {
                 // Without a network the beacon has no receiver.
                 let _ = socket.send_to(beacon, (Ipv4Addr::from(becn::GROUP), becn::PORT));

@@ -7,6 +7,7 @@ use super::settings::{AIRCRAFT, ENGINES, Setting, Settings};
 use crate::plant::xplane::convert::{self, rpm_from_rad_s};
 use crate::plant::xplane::wire::aircraft::Move;
 use crate::plant::xplane::wire::rpos::Position;
+use serde::Serialize;
 use skein_common::frame::{Attitude, Geodetic, TangentPlane};
 use skein_common::math;
 use skein_core::aircraft::name_and_element;
@@ -138,8 +139,9 @@ enum Source {
     Read(Setting),
 }
 
-/// Type of a dataref's value in X-Plane.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Type of a dataref's value in X-Plane, named as in the Web API.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum ValueType {
     /// An integer of 32 bits.
     Int,
@@ -155,21 +157,14 @@ pub enum ValueType {
     Data,
 }
 
-#[derive(Clone, Copy)]
-enum Length {
-    One,
-    Engines,
-    Aircraft,
-    Layers,
-    Axes,
-    Text,
-}
-
 /// A dataref: its name, its type, and where its value comes from.
 pub struct Dataref {
-    path: &'static str,
-    length: Length,
-    value_type: ValueType,
+    /// Its name.
+    pub path: &'static str,
+    /// Number of its elements, 1 unless it is an array; `None` for as many as there are engines.
+    elements: Option<usize>,
+    /// Its type.
+    pub value_type: ValueType,
     source: Source,
 }
 
@@ -184,16 +179,6 @@ impl Dataref {
         !self.path.starts_with(OF_THE_R22) || acf.contains("R22")
     }
 
-    /// Its name.
-    pub fn path(&self) -> &'static str {
-        self.path
-    }
-
-    /// Its type.
-    pub fn value_type(&self) -> ValueType {
-        self.value_type
-    }
-
     /// Whether a client can write it.
     pub fn is_writable(&self) -> bool {
         matches!(self.source, Source::Kept(_) | Source::All(_))
@@ -201,39 +186,37 @@ impl Dataref {
 
     /// Number of its elements, 1 unless it is an array; `engines` is the length of per-engine arrays.
     pub fn elements(&self, engines: usize) -> usize {
-        match self.length {
-            Length::One => 1,
-            Length::Engines => engines.min(ENGINES),
-            Length::Aircraft => AIRCRAFT,
-            Length::Layers => LAYERS,
-            Length::Axes => AXES,
-            Length::Text => TEXT,
-        }
+        self.elements.unwrap_or(engines.min(ENGINES))
+    }
+
+    /// Whether it has elements that can be read and written one by one.
+    pub fn is_array(&self) -> bool {
+        matches!(self.value_type, ValueType::IntArray | ValueType::FloatArray | ValueType::Data)
     }
 }
 
 /// Functions that make a dataref of one type and length.
 macro_rules! kinds {
-    ($($kind:ident: $value_type:ident, $length:ident;)*) => {
+    ($($kind:ident: $value_type:ident, $elements:expr;)*) => {
         $(const fn $kind(path: &'static str, source: Source) -> Dataref {
-            Dataref { path, length: Length::$length, value_type: ValueType::$value_type, source }
+            Dataref { path, elements: $elements, value_type: ValueType::$value_type, source }
         })*
     };
 }
 
 kinds! {
-    scalar: Float, One;
-    double: Double, One;
-    int: Int, One;
-    per_engine: FloatArray, Engines;
-    int_per_engine: IntArray, Engines;
-    per_aircraft: IntArray, Aircraft;
-    layers: FloatArray, Layers;
-    axes: FloatArray, Axes;
+    scalar: Float, Some(1);
+    double: Double, Some(1);
+    int: Int, Some(1);
+    per_engine: FloatArray, None;
+    int_per_engine: IntArray, None;
+    per_aircraft: IntArray, Some(AIRCRAFT);
+    layers: FloatArray, Some(LAYERS);
+    axes: FloatArray, Some(AXES);
 }
 
 const fn text(path: &'static str, read: fn(&Situation) -> &str) -> Dataref {
-    Dataref { path, length: Length::Text, value_type: ValueType::Data, source: Source::Text(read) }
+    Dataref { path, elements: Some(TEXT), value_type: ValueType::Data, source: Source::Text(read) }
 }
 
 /// All these datarefs, and those of the other aircraft with these numbers.

@@ -56,7 +56,7 @@ impl Bench {
     }
 
     fn subscribe_position(&mut self, from: SocketAddr, rate_hz: u32) {
-        self.send(from, |out| rpos::PositionRequest { rate_hz }.encode(out));
+        self.send(from, |out| wire::encode_rate(&rpos::TAG, rate_hz, out));
     }
 
     fn subscribe_value(&mut self, from: SocketAddr, frequency_hz: u32, index: i32, path: &str) {
@@ -327,7 +327,7 @@ fn only_the_users_own_aircraft_is_placed_and_only_at_coordinates() {
     bench.send(client(1), |out| Placement { aircraft: 1, ..placement }.encode(out));
     datagram[5] = 11;
     assert_eq!(bench.server.handle(&datagram, client(1)), None);
-    assert_eq!(bench.server.malformed(), 1);
+    assert_eq!(bench.server.malformed, 1);
 }
 
 #[test]
@@ -353,12 +353,12 @@ fn wrong_sizes_are_counted_and_unknown_messages_are_ignored() {
     ];
     for (nth, datagram) in wrong.into_iter().enumerate() {
         bench.send(client(1), |out| out.extend_from_slice(datagram));
-        assert_eq!(bench.server.malformed(), nth as u64 + 1, "{datagram:?}");
+        assert_eq!(bench.server.malformed, nth as u64 + 1, "{datagram:?}");
     }
     for datagram in [&b"CMND\0sim/no/such/command"[..], b"QUIT\0", b"hello"] {
         bench.send(client(1), |out| out.extend_from_slice(datagram));
     }
-    assert_eq!(bench.server.malformed(), wrong.len() as u64);
+    assert_eq!(bench.server.malformed, wrong.len() as u64);
 }
 
 #[test]
@@ -390,8 +390,8 @@ fn aircraft_are_moved_and_loaded() {
     assert_eq!(numbers, [3, 19]);
     assert_eq!(bench.server.other(3), Some(&moved(3)));
     bench.send(client(1), |out| Load { aircraft: 3, path: "Aircraft/heli.acf", livery: 0 }.encode(out).unwrap());
-    assert_eq!((bench.server.loaded(3), bench.server.loaded(4)), (Some("Aircraft/heli.acf"), None));
-    assert_eq!(bench.server.malformed(), 0);
+    assert_eq!(bench.server.loaded, BTreeMap::from([(3, "Aircraft/heli.acf".to_owned())]));
+    assert_eq!(bench.server.malformed, 0);
 }
 
 #[test]
@@ -483,7 +483,7 @@ proptest! {
         for datagram in bodies.iter().map(|body| [tag, body].concat()).chain([write]) {
             let placed = bench.server.handle(&datagram, client(1));
             let error = match datagram.first_chunk::<4>() {
-                Some(&rpos::TAG) => rpos::PositionRequest::decode(&datagram).err(),
+                Some(&rpos::TAG) => wire::decode_rate(&datagram, &rpos::TAG).err(),
                 Some(&rref::TAG) => rref::DatarefRequest::decode(&datagram).err(),
                 Some(&dref::TAG) => Write::decode(&datagram).err(),
                 Some(&prel::TAG) => Placement::decode(&datagram).err(),
@@ -491,7 +491,7 @@ proptest! {
                 None => Some(WireError::WrongSize),
             };
             malformed += u64::from(error.is_some());
-            prop_assert_eq!(bench.server.malformed(), malformed);
+            prop_assert_eq!(bench.server.malformed, malformed);
             let placement = Placement::decode(&datagram).ok().filter(|placement| placement.aircraft == 0);
             prop_assert_eq!(placed, placement.map(Order::Place));
             if let Some(controls) = bench.frame() {

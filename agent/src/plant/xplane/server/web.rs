@@ -99,17 +99,13 @@ impl Server {
         self.situation.is_some()
     }
 
-    /// Number of elements of a dataref of this version.
-    pub fn elements(&self, dataref: &Dataref) -> usize {
-        dataref.elements(self.version.engines())
-    }
-
     /// The value of a dataref as the Web API shows it: numbers, arrays, and bytes in base64. Of wanted elements it is an array.
     fn value(&self, dataref: &'static Dataref, wanted: &Elements) -> Option<Json> {
-        let (situation, value_type) = (self.situation.as_ref()?, dataref.value_type());
+        let situation = self.situation.as_ref()?;
+        let read = |at| Handle::of(dataref, at).read(situation, &self.settings);
         let element = |at| {
-            let value = Handle::of(dataref, at).read(situation, &self.settings);
-            match value_type {
+            let value = read(at);
+            match dataref.value_type {
                 ValueType::Double => Json::from(value),
                 ValueType::Float | ValueType::FloatArray => f64::from(value as f32).into(),
                 ValueType::Int | ValueType::IntArray => (value as i64).into(),
@@ -117,14 +113,13 @@ impl Server {
             }
         };
         let all = 0..dataref.elements(self.version.engines());
-        Some(match (wanted, value_type) {
-            (Some(wanted), _) => wanted.iter().copied().map(element).collect(),
-            (None, ValueType::Double | ValueType::Float | ValueType::Int) => element(0),
-            (None, ValueType::FloatArray | ValueType::IntArray) => all.map(element).collect(),
-            (None, ValueType::Data) => {
-                let byte = |at| Handle::of(dataref, at).read(situation, &self.settings) as u8;
-                STANDARD.encode(all.map(byte).collect::<Vec<_>>()).into()
+        Some(match wanted {
+            Some(wanted) => wanted.iter().copied().map(element).collect(),
+            None if dataref.value_type == ValueType::Data => {
+                STANDARD.encode(all.map(|at| read(at) as u8).collect::<Vec<_>>()).into()
             }
+            None if dataref.is_array() => all.map(element).collect(),
+            None => element(0),
         })
     }
 }

@@ -1,14 +1,15 @@
 //! Options of a stand-in and their checks.
 
-use std::fs;
 use std::io;
 use std::net::SocketAddr;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use serde::Deserialize;
 use skein_common::frame::Geodetic;
 use skein_common::id::VehicleId;
 use skein_core::helicopter::{ParameterError, Parameters, Weather};
+use skein_host::files::{self, FileError};
 
 use crate::plant::xplane::server::{DEFAULT_ACF, Version};
 use crate::plant::xplane::wire;
@@ -142,13 +143,8 @@ pub enum StandinError {
         rule: &'static str,
     },
     /// The aircraft file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    Read(#[from] FileError),
     /// The aircraft file has no valid `[helicopter]` table.
     #[error("the aircraft file has no usable [helicopter] table: {0}")]
     Aircraft(toml::de::Error),
@@ -161,15 +157,25 @@ fn refuse(option: &'static str, value: impl ToString, rule: &'static str) -> Sta
     StandinError::Option { option, value: value.to_string(), rule }
 }
 
+/// Refuses the first of these options that is outside its range; the last text describes the range.
+fn check<const N: usize>(
+    options: [(&'static str, f64, RangeInclusive<f64>, &'static str); N],
+) -> Result<(), StandinError> {
+    match options.into_iter().find(|(_, value, range, _)| !range.contains(value)) {
+        Some((option, value, _, rule)) => Err(refuse(option, value, rule)),
+        None => Ok(()),
+    }
+}
+
+const SHARE: &str = "a share: 0 to 0.9 of jitter, 0 to 0.95 of lost datagrams";
+const CIRCLE: &str = "within a circle, in degrees";
+
 pub(super) fn check_frames(options: &StandinOptions) -> Result<(), StandinError> {
-    if !(1..=200).contains(&options.rate) {
-        return Err(refuse("rate", options.rate, "1 to 200"));
-    }
-    for (option, value, largest) in [("jitter", options.jitter, 0.9), ("drop", options.drop, 0.95)] {
-        if !(0.0..=largest).contains(&value) {
-            return Err(refuse(option, value, "a share: 0 to 0.9 of jitter, 0 to 0.95 of lost datagrams"));
-        }
-    }
+    check([
+        ("rate", options.rate.into(), 1.0..=200.0, "1 to 200"),
+        ("jitter", options.jitter, 0.0..=0.9, SHARE),
+        ("drop", options.drop, 0.0..=0.95, SHARE),
+    ])?;
     if !options.acf.is_ascii() || options.acf.len() > 511 {
         return Err(refuse("acf", &options.acf, "at most 511 ASCII characters"));
     }
@@ -198,13 +204,11 @@ fn port_of(option: &'static str, first: u16, id: VehicleId) -> Result<u16, Stand
 
 pub(super) fn start(options: &StandinOptions) -> Result<(Geodetic, f64), StandinError> {
     let place = Geodetic::from_degrees(options.lat_deg, options.lon_deg, options.alt_m);
-    for (option, value, limit) in
-        [("lat", options.lat_deg, 90.0), ("lon", options.lon_deg, 180.0), ("heading", options.heading_deg, 360.0)]
-    {
-        if !(-limit..=limit).contains(&value) {
-            return Err(refuse(option, value, "within a circle, in degrees"));
-        }
-    }
+    check([
+        ("lat", options.lat_deg, -90.0..=90.0, CIRCLE),
+        ("lon", options.lon_deg, -180.0..=180.0, CIRCLE),
+        ("heading", options.heading_deg, -360.0..=360.0, CIRCLE),
+    ])?;
     if !place.is_plausible() {
         return Err(refuse("alt", options.alt_m, "a height of the ground in metres"));
     }
@@ -212,14 +216,11 @@ pub(super) fn start(options: &StandinOptions) -> Result<(Geodetic, f64), Standin
 }
 
 pub(super) fn weather(options: &StandinOptions) -> Result<Weather, StandinError> {
-    for (option, value) in [("wind-m-s", options.wind_m_s), ("gust-w20-m-s", options.gust_w20_m_s)] {
-        if !(0.0..=100.0).contains(&value) {
-            return Err(refuse(option, value, "0 to 100"));
-        }
-    }
-    if !(-360.0..=360.0).contains(&options.wind_from_deg) {
-        return Err(refuse("wind-from-deg", options.wind_from_deg, "within a circle, in degrees"));
-    }
+    check([
+        ("wind-m-s", options.wind_m_s, 0.0..=100.0, "0 to 100"),
+        ("gust-w20-m-s", options.gust_w20_m_s, 0.0..=100.0, "0 to 100"),
+        ("wind-from-deg", options.wind_from_deg, -360.0..=360.0, CIRCLE),
+    ])?;
     Ok(Weather {
         wind_m_s: options.wind_m_s,
         wind_from_rad: options.wind_from_deg.to_radians(),
@@ -233,7 +234,7 @@ pub(super) fn parameters(options: &StandinOptions) -> Result<Parameters, Standin
         helicopter: Parameters,
     }
     let text = match &options.aircraft {
-        Some(path) => &fs::read_to_string(path).map_err(|source| StandinError::Read { path: path.clone(), source })?,
+        Some(path) => &files::read(path)?,
         None => XCELL60,
     };
     let AircraftFile { helicopter } = toml::from_str(text).map_err(StandinError::Aircraft)?;

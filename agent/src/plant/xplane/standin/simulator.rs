@@ -34,13 +34,15 @@ pub struct Simulator {
     /// Place and heading, rad, to which a reset returns.
     start: (Geodetic, f64),
     aircraft: Aircraft,
-    server: Server,
+    /// The server, which knows the subscribers.
+    pub server: Server,
     random: ChaCha8Rng,
     /// The pose in which a client holds it, and since when, s.
     held: Option<(Move, f64)>,
     /// Whether it runs its frames, and the time for which it still does not, s.
     state: (RunState, f64),
-    starts: u64,
+    /// Number of times that it has been started.
+    pub starts: u64,
 }
 
 impl Simulator {
@@ -65,11 +67,6 @@ impl Simulator {
             weather,
             start,
         })
-    }
-
-    /// The server, which knows the subscribers.
-    pub fn server(&mut self) -> &mut Server {
-        &mut self.server
     }
 
     /// The true state of the helicopter.
@@ -134,11 +131,6 @@ impl Simulator {
             self.obey(Some(order));
         }
         Some(values)
-    }
-
-    /// Number of times that it has been started.
-    pub fn starts(&self) -> u64 {
-        self.starts
     }
 
     /// Does what a message asks for; returns whether it can take another one in this frame.

@@ -9,7 +9,7 @@ use crate::plant::xplane::wire::dref::Write;
 use crate::plant::xplane::wire::operation::Command;
 use crate::plant::xplane::wire::prel::Placement;
 use crate::plant::xplane::wire::rpos::{self, Position};
-use crate::plant::xplane::wire::{MAX_DATAGRAM, rref};
+use crate::plant::xplane::wire::{MAX_DATAGRAM, encode_rate, rref};
 
 mod faults;
 mod web;
@@ -44,7 +44,7 @@ impl Bench {
     fn send(&self, write: impl FnOnce(&mut Vec<u8>)) {
         let mut datagram = Vec::new();
         write(&mut datagram);
-        self.client.send_to(&datagram, self.standin.address()).unwrap();
+        self.client.send_to(&datagram, self.standin.address).unwrap();
     }
 
     fn set(&self, path: &str, value: f32) {
@@ -52,7 +52,7 @@ impl Bench {
     }
 
     fn position_after(&mut self, frames: u32) -> Position {
-        self.send(|out| rpos::PositionRequest { rate_hz: 50 }.encode(out));
+        self.send(|out| encode_rate(&rpos::TAG, 50, out));
         let mut buffer = [0; MAX_DATAGRAM];
         let mut newest = None;
         for _ in 0..frames {
@@ -80,7 +80,7 @@ fn the_helicopter_rests_at_its_start_until_a_client_flies_it() {
 
     bench.set("sim/operation/override/override_joystick", 0.0);
     bench.position_after(1);
-    assert_eq!(bench.standin.simulator.server().take_controls(), None);
+    assert_eq!(bench.standin.simulator.server.take_controls(), None);
 }
 
 #[test]
@@ -242,9 +242,9 @@ fn options_out_of_range_are_refused_by_name() {
 #[test]
 fn an_error_names_a_port_in_use() {
     let first = Standin::open(&options(&[])).unwrap();
-    let again = StandinOptions { port: first.address().port(), ..options(&[]) };
+    let again = StandinOptions { port: first.address.port(), ..options(&[]) };
     let message = Standin::open(&again).err().unwrap().to_string();
-    assert!(message.contains(&first.address().to_string()), "{message}");
+    assert!(message.contains(&first.address.to_string()), "{message}");
 }
 
 #[test]
@@ -259,7 +259,7 @@ fn small_delays_do_not_add_up_and_large_ones_start_a_new_grid() {
 #[test]
 fn the_stand_in_keeps_its_pace_and_stops_on_request() {
     let Bench { mut standin, client } = Bench::new(&[]);
-    let to = standin.address();
+    let to = standin.address;
     let stop = AtomicBool::new(false);
     let mut request = Vec::new();
     rref::DatarefRequest { frequency_hz: 50, index: 1, path: "sim/time/total_running_time_sec" }

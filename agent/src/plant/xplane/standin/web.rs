@@ -144,7 +144,8 @@ pub(super) struct Web {
     shared: Arc<WebState>,
     tasks: mpsc::Receiver<Request>,
     starts: u64,
-    address: SocketAddr,
+    /// Where it listens.
+    pub(super) address: SocketAddr,
 }
 
 impl Web {
@@ -167,11 +168,6 @@ impl Web {
         let serve = move || runtime.block_on(accept(listener, of_thread));
         std::thread::Builder::new().name("standin-web".to_owned()).spawn(serve)?;
         Ok(Self { shared, tasks, starts: 1, address })
-    }
-
-    /// Where it listens.
-    pub(super) fn address(&self) -> SocketAddr {
-        self.address
     }
 
     /// Carries out what waits; `serve` is the simulator.

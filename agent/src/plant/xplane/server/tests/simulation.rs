@@ -1,7 +1,7 @@
 //! Pause, reset, rows and radar.
 
 use super::*;
-use crate::plant::xplane::wire::radr::{RadarPoint, RadarPoint11, RadarRequest};
+use crate::plant::xplane::wire::radr::{RadarPoint, RadarPoint11};
 use crate::plant::xplane::wire::rows::{DATA_OUTPUT, Destination, Output, Row, Selection, decode_rows, encode_rows};
 
 const PAUSED: &str = "sim/time/paused";
@@ -18,7 +18,7 @@ fn while_paused_time_stands_still_and_messages_go_on() {
     bench.frames(50);
     let before_s = bench.read(RUNNING).unwrap();
     run(&mut bench, "sim/operation/pause_toggle");
-    assert!(bench.server.is_paused());
+    assert!(bench.server.is_paused);
     bench.sent.clear();
     bench.frames(50);
     assert_eq!(bench.positions(client(1)), 50);
@@ -30,7 +30,7 @@ fn while_paused_time_stands_still_and_messages_go_on() {
     }
     assert!(bench.read(RUNNING).unwrap() > before_s);
     run(&mut bench, "sim/operation/no_such_command");
-    assert_eq!(bench.server.malformed(), 0);
+    assert_eq!(bench.server.malformed, 0);
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn a_reset_gives_the_controls_back_and_tells_the_caller() {
 fn nobody_ends_the_simulator() {
     let mut bench = Bench::new();
     operation::ENDS.into_iter().for_each(|end| bench.send(client(1), |out| out.extend([&end[..], b"\0"].concat())));
-    assert_eq!((bench.server.refused_ends(), bench.server.malformed()), (2, 0));
+    assert_eq!((bench.server.refused_ends, bench.server.malformed), (2, 0));
 }
 
 fn destination(address: [u8; 4], port: u16, is_on: bool) -> Destination {
@@ -124,7 +124,7 @@ fn the_radar_has_one_client_and_the_layout_of_the_version() {
     for version in [Version::V11, Version::V12] {
         let mut bench = Bench { server: Server::new(version, RATE_HZ, Surroundings::default()), sent: Vec::new() };
         let ask = |bench: &mut Bench, port, rate_hz| {
-            bench.send(client(port), |out| RadarRequest { rate_hz }.encode(out));
+            bench.send(client(port), |out| wire::encode_rate(&radr::TAG, rate_hz, out));
         };
         ask(&mut bench, 1, 10);
         ask(&mut bench, 2, 10);

@@ -6,7 +6,7 @@ use crate::plant::xplane::wire::rref::DatarefRequest;
 impl Bench {
     /// Runs frames and returns the positions that the client received.
     fn positions(&mut self, frames: u32) -> Vec<Position> {
-        self.send(|out| rpos::PositionRequest { rate_hz: 200 }.encode(out));
+        self.send(|out| encode_rate(&rpos::TAG, 200, out));
         (0..frames).for_each(|_| {
             self.standin.frame();
         });
@@ -127,7 +127,7 @@ fn a_slow_simulator_has_fewer_simulated_seconds_and_says_so() {
 fn a_share_of_the_datagrams_is_lost() {
     let mut bench = Bench::new(&["--drop", "0.5"]);
     for _ in 0..10 {
-        bench.send(|out| rpos::PositionRequest { rate_hz: 200 }.encode(out));
+        bench.send(|out| encode_rate(&rpos::TAG, 200, out));
     }
     let arrived = bench.positions(200).len();
     assert!((70..130).contains(&arrived), "{arrived} of 200");

@@ -22,7 +22,7 @@ impl Running {
     fn with(arguments: &[&str]) -> Self {
         let arguments: Vec<&str> = ["--web", "0"].iter().chain(arguments).copied().collect();
         let mut standin = Standin::open(&options(&arguments)).unwrap();
-        let (web, udp) = (standin.web_address().unwrap(), standin.address());
+        let (web, udp) = (standin.web_address().unwrap(), standin.address);
         let stop = Arc::new(AtomicBool::new(false));
         let of_thread = Arc::clone(&stop);
         let thread = Some(thread::spawn(move || standin.run(&of_thread)));
@@ -338,7 +338,7 @@ fn incoming_connections_can_be_off() {
     let client = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     client.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
     let mut datagram = Vec::new();
-    rpos::PositionRequest { rate_hz: 50 }.encode(&mut datagram);
+    encode_rate(&rpos::TAG, 50, &mut datagram);
     client.send_to(&datagram, running.udp).unwrap();
     assert!(client.recv(&mut [0; MAX_DATAGRAM]).is_err(), "datagrams are ignored too");
 }
@@ -381,7 +381,7 @@ fn x_plane_11_has_none_and_takes_its_own_weather() {
         }
         let (frame_s, _) = simulator.begin_frame();
         simulator.end_frame(frame_s, |_, _| ());
-        let wind = crate::plant::xplane::server::Dataref::all().iter().position(|dataref| dataref.path() == WIND_X);
+        let wind = crate::plant::xplane::server::Dataref::all().iter().position(|dataref| dataref.path == WIND_X);
         simulator.begin_frame();
         simulator.end_frame(frame_s, |_, _| ());
         let values = simulator.serve(&crate::plant::xplane::server::Task::Read(vec![(wind.unwrap(), None)])).unwrap();

@@ -12,7 +12,7 @@ use axum::{Json, Router};
 use serde_json::{Value as Js, json};
 use tokio::time::{Duration, Instant, timeout};
 
-use super::values::{check_index, elements, type_name};
+use super::values::{check_index, elements};
 use super::{Fault, MAX_BODY, REQUEST_WITHIN, WebState, flight, socket};
 use crate::plant::xplane::server::{COMMANDS, Dataref, Task, Version};
 
@@ -22,16 +22,23 @@ type Reply = Result<Json<Js>, Fault>;
 
 /// All addresses. Version 1 has no commands, and only version 3 has flights.
 pub(super) fn router(shared: Arc<WebState>) -> Router {
-    Router::new()
-        .route("/api/capabilities", get(capabilities))
-        .route("/api/{version}", get(upgrade))
-        .route("/api/{version}/datarefs", get(datarefs))
-        .route("/api/{version}/datarefs/count", get(count_datarefs))
-        .route("/api/{version}/datarefs/{id}/value", get(read).patch(write))
-        .route("/api/{version}/commands", get(commands))
-        .route("/api/{version}/commands/count", get(count_commands))
-        .route("/api/{version}/command/{id}/activate", post(activate))
-        .route("/api/{version}/flight", post(start).patch(update))
+    let mut router = Router::new().route("/api/capabilities", get(capabilities));
+    for version in 1..=3 {
+        let at = |path: &str| format!("/api/v{version}{path}");
+        router = router
+            .route(&at(""), get(upgrade))
+            .route(&at("/datarefs"), get(datarefs))
+            .route(&at("/datarefs/count"), get(count_datarefs))
+            .route(&at("/datarefs/{id}/value"), get(read).patch(write));
+        if version >= 2 {
+            router = router
+                .route(&at("/commands"), get(commands))
+                .route(&at("/commands/count"), get(count_commands))
+                .route(&at("/command/{id}/activate"), post(activate));
+        }
+    }
+    router
+        .route("/api/v3/flight", post(start).patch(update))
         .fallback(async || Fault::missing("not_found", "No such address"))
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), guard))
@@ -46,23 +53,13 @@ async fn guard(State(shared): Api, request: HttpRequest, next: Next) -> Response
     timeout(REQUEST_WITHIN, next.run(request)).await.unwrap_or_else(|_| StatusCode::REQUEST_TIMEOUT.into_response())
 }
 
-/// The number of a version from 1 to 3, if it is at least `least`.
-fn check_version(version: &str, least: u32) -> Result<(), Fault> {
-    let number = version.strip_prefix('v').and_then(|number| number.parse::<u32>().ok());
-    match number {
-        Some(number) if (least..=3).contains(&number) => Ok(()),
-        _ => Err(Fault::missing("not_found", "No such address")),
-    }
-}
-
 async fn capabilities() -> Json<Js> {
     let number = Version::V12.internal();
     let version = format!("{}.{}.{}", number / 10_000, number / 1_000 % 10, number / 100 % 10);
     Json(json!({ "api": { "versions": ["v1", "v2", "v3"] }, "x-plane": { "version": version } }))
 }
 
-async fn upgrade(State(shared): Api, Path(version): Path<String>, socket: WebSocketUpgrade) -> Result<Response, Fault> {
-    check_version(&version, 1)?;
+async fn upgrade(State(shared): Api, socket: WebSocketUpgrade) -> Result<Response, Fault> {
     let Ok(place) = Arc::clone(&shared.sockets).try_acquire_owned() else {
         return Err(Fault::new(StatusCode::SERVICE_UNAVAILABLE, "too_many", "Too many WebSockets are open"));
     };
@@ -116,13 +113,12 @@ fn page(all: Vec<Js>, pairs: &[(String, String)], missing: impl Fn(&str) -> Faul
     Ok(Json(json!({ "data": listed })))
 }
 
-async fn datarefs(State(shared): Api, Path(version): Path<String>, Query(pairs): Pairs) -> Reply {
-    check_version(&version, 1)?;
+async fn datarefs(State(shared): Api, Query(pairs): Pairs) -> Reply {
     let entry = |(at, dataref): (usize, &Dataref)| {
         json!({
             "id": shared.dataref_id(at),
-            "name": dataref.path(),
-            "value_type": type_name(dataref.value_type()),
+            "name": dataref.path,
+            "value_type": dataref.value_type,
             "is_writable": dataref.is_writable(),
         })
     };
@@ -131,14 +127,12 @@ async fn datarefs(State(shared): Api, Path(version): Path<String>, Query(pairs):
     page(all, &pairs, |name| Fault::missing("invalid_dataref_name", format!("Dataref {name} doesn't exist")))
 }
 
-async fn count_datarefs(State(shared): Api, Path(version): Path<String>) -> Reply {
-    check_version(&version, 1)?;
+async fn count_datarefs(State(shared): Api) -> Reply {
     let all = Dataref::all().iter().filter(|dataref| dataref.is_in(&shared.acf));
     Ok(Json(json!({ "data": all.count() })))
 }
 
-async fn commands(State(shared): Api, Path(version): Path<String>, Query(pairs): Pairs) -> Reply {
-    check_version(&version, 2)?;
+async fn commands(State(shared): Api, Query(pairs): Pairs) -> Reply {
     let all = COMMANDS.iter().enumerate();
     let all = all.map(|(at, command)| {
         json!({ "id": shared.command_id(at), "name": command.path, "description": command.description })
@@ -146,8 +140,7 @@ async fn commands(State(shared): Api, Path(version): Path<String>, Query(pairs):
     page(all.collect(), &pairs, |name| Fault::missing("invalid_command_name", format!("Command {name} doesn't exist")))
 }
 
-async fn count_commands(Path(version): Path<String>) -> Reply {
-    check_version(&version, 2)?;
+async fn count_commands() -> Reply {
     Ok(Json(json!({ "data": COMMANDS.len() })))
 }
 
@@ -164,8 +157,7 @@ fn addressed(
     Ok((at, dataref, check_index(dataref, index, "Dataref")?))
 }
 
-async fn read(State(shared): Api, Path((version, id)): Path<(String, String)>, Query(pairs): Pairs) -> Reply {
-    check_version(&version, 1)?;
+async fn read(State(shared): Api, Path(id): Path<String>, Query(pairs): Pairs) -> Reply {
     let (at, _, index) = addressed(&shared, &id, &pairs)?;
     let values = shared.run(Task::Read(vec![(at, index.map(|index| [index].into()))])).await?;
     let value = values.first().map(|value| if index.is_some() { &value[0] } else { value });
@@ -178,13 +170,7 @@ fn body_of(bytes: &Bytes) -> Result<Js, Fault> {
     serde_json::from_slice::<Js>(bytes).ok().filter(Js::is_object).ok_or_else(invalid)
 }
 
-async fn write(
-    State(shared): Api,
-    Path((version, id)): Path<(String, String)>,
-    Query(pairs): Pairs,
-    bytes: Bytes,
-) -> Reply {
-    check_version(&version, 1)?;
+async fn write(State(shared): Api, Path(id): Path<String>, Query(pairs): Pairs, bytes: Bytes) -> Reply {
     let (at, dataref, index) = addressed(&shared, &id, &pairs)?;
     let body = body_of(&bytes)?;
     let writes = elements(dataref, index, &body["data"])?;
@@ -192,8 +178,7 @@ async fn write(
     Ok(Json(Js::Null))
 }
 
-async fn activate(State(shared): Api, Path((version, id)): Path<(String, String)>, bytes: Bytes) -> Reply {
-    check_version(&version, 2)?;
+async fn activate(State(shared): Api, Path(id): Path<String>, bytes: Bytes) -> Reply {
     let command = shared.command(&id)?;
     let body = body_of(&bytes)?;
     let duration_s = body["duration"].as_f64();
@@ -209,15 +194,13 @@ async fn activate(State(shared): Api, Path((version, id)): Path<(String, String)
     Ok(Json(Js::Null))
 }
 
-async fn start(State(shared): Api, Path(version): Path<String>, bytes: Bytes) -> Reply {
-    check_version(&version, 3)?;
+async fn start(State(shared): Api, bytes: Bytes) -> Reply {
     let flight = flight::started(&body_of(&bytes)?["data"], &shared.acf)?;
     shared.run(Task::Fly(flight)).await?;
     Ok(Json(json!({ "error_code": "success" })))
 }
 
-async fn update(State(shared): Api, Path(version): Path<String>, bytes: Bytes) -> Reply {
-    check_version(&version, 3)?;
+async fn update(State(shared): Api, bytes: Bytes) -> Reply {
     let flight = flight::changed(&body_of(&bytes)?["data"])?;
     shared.run(Task::Fly(flight)).await?;
     Ok(Json(json!({ "error_code": "success" })))

@@ -3,31 +3,15 @@
 use serde_json::Value as Json;
 
 use super::Fault;
-use crate::plant::xplane::server::{Dataref, ValueType};
+use crate::plant::xplane::server::Dataref;
 
 /// Number of engines of X-Plane 12, the only version with a Web API.
 const ENGINES: usize = 16;
 
-/// Name of a type.
-pub(super) fn type_name(value_type: ValueType) -> &'static str {
-    match value_type {
-        ValueType::Int => "int",
-        ValueType::Float => "float",
-        ValueType::Double => "double",
-        ValueType::IntArray => "int_array",
-        ValueType::FloatArray => "float_array",
-        ValueType::Data => "data",
-    }
-}
-
-fn is_array(value_type: ValueType) -> bool {
-    matches!(value_type, ValueType::IntArray | ValueType::FloatArray | ValueType::Data)
-}
-
 /// Checks an index against a dataref; `what` names the dataref in the message.
 pub(super) fn check_index(dataref: &Dataref, index: Option<u64>, what: &str) -> Result<Option<usize>, Fault> {
     let Some(index) = index else { return Ok(None) };
-    if !is_array(dataref.value_type()) {
+    if !dataref.is_array() {
         let message = format!("An index was provided for {what} but the dataref is not an array");
         return Err(Fault::bad("not_an_array", message));
     }
@@ -45,12 +29,10 @@ pub(super) fn elements(dataref: &Dataref, index: Option<usize>, data: &Json) -> 
         return Err(Fault::new(axum::http::StatusCode::FORBIDDEN, "dataref_is_readonly", message));
     }
     match (data, index) {
-        (Json::Array(values), None) if values.len() == dataref.elements(ENGINES) && is_array(dataref.value_type()) => {
+        (Json::Array(values), None) if values.len() == dataref.elements(ENGINES) && dataref.is_array() => {
             values.iter().enumerate().map(|(at, value)| Ok((at, value.as_f64().ok_or_else(unfit)?))).collect()
         }
-        (Json::Number(value), None) if !is_array(dataref.value_type()) => {
-            Ok(vec![(0, value.as_f64().ok_or_else(unfit)?)])
-        }
+        (Json::Number(value), None) if !dataref.is_array() => Ok(vec![(0, value.as_f64().ok_or_else(unfit)?)]),
         (Json::Number(value), Some(at)) => Ok(vec![(at, value.as_f64().ok_or_else(unfit)?)]),
         _ => Err(unfit()),
     }
