@@ -1,9 +1,37 @@
 //! Functions that only Unix provides, with replacements for other systems. No other file distinguishes the systems.
 
+use std::io;
+use std::path::Path;
+use std::time::Duration;
+
+use tokio::net::TcpStream;
+
 #[cfg(unix)]
 pub use on_unix::*;
 #[cfg(not(unix))]
 pub use plain::*;
+
+/// Ends a connection when data sent on it was not acknowledged, or not accepted, for this long. Only Linux supports
+/// this; on other systems Zenoh's lease ends the connection.
+///
+/// # Errors
+/// If the system refuses the option.
+#[cfg_attr(not(any(target_os = "linux", target_os = "android")), expect(unused_variables))]
+pub fn set_unacknowledged_timeout(socket: &TcpStream, after: Duration) -> io::Result<()> {
+    #[cfg(any(target_os = "linux", target_os = "android"))]
+    socket2::SockRef::from(socket).set_tcp_user_timeout(Some(after))?;
+    Ok(())
+}
+
+/// Whether users other than the owner can access this file; never where files have no such modes.
+#[cfg_attr(not(unix), expect(unused_variables))]
+pub fn others_can_read(path: &Path) -> bool {
+    #[cfg(unix)]
+    let mode = std::fs::metadata(path).map_or(0, |about| std::os::unix::fs::MetadataExt::mode(&about));
+    #[cfg(not(unix))]
+    let mode = 0;
+    mode & 0o077 != 0
+}
 
 #[cfg(unix)]
 mod on_unix {
@@ -11,10 +39,8 @@ mod on_unix {
     use std::ffi::OsStr;
     use std::io;
     use std::os::unix::ffi::OsStrExt;
-    use std::os::unix::fs::PermissionsExt;
     use std::os::unix::net::UnixDatagram;
     use std::os::unix::process::CommandExt;
-    use std::path::Path;
     use std::process::Command;
 
     use thread_priority::{
@@ -81,23 +107,6 @@ mod on_unix {
         }
     }
 
-    /// Ends a connection when data sent on it was not acknowledged, or not accepted, for this long. Only Linux supports
-    /// this; on other systems Zenoh's lease ends the connection.
-    ///
-    /// # Errors
-    /// If the system refuses the option.
-    #[cfg_attr(not(any(target_os = "linux", target_os = "android")), expect(unused_variables))]
-    pub fn set_unacknowledged_timeout(socket: &tokio::net::TcpStream, after: std::time::Duration) -> io::Result<()> {
-        #[cfg(any(target_os = "linux", target_os = "android"))]
-        socket2::SockRef::from(socket).set_tcp_user_timeout(Some(after))?;
-        Ok(())
-    }
-
-    /// Whether users other than the owner can access this file.
-    pub fn others_can_read(path: &Path) -> bool {
-        std::fs::metadata(path).is_ok_and(|about| about.permissions().mode() & 0o077 != 0)
-    }
-
     /// Notifies systemd, if it has started this process and asked for notifications. Never waits.
     pub fn notify_service_manager(what: &str) {
         if let Some(socket) = env::var_os("NOTIFY_SOCKET") {
@@ -162,22 +171,6 @@ mod plain {
 
     /// Does nothing: there is a service manager only on Unix.
     pub fn notify_service_manager(_what: &str) {}
-
-    /// Does nothing: Zenoh's lease ends a cut connection.
-    ///
-    /// # Errors
-    /// Never.
-    pub fn set_unacknowledged_timeout(
-        _socket: &tokio::net::TcpStream,
-        _after: std::time::Duration,
-    ) -> std::io::Result<()> {
-        Ok(())
-    }
-
-    /// Always false: the system has no such file modes.
-    pub fn others_can_read(_path: &std::path::Path) -> bool {
-        false
-    }
 
     /// Ctrl-C, which requests the end of the agent.
     pub struct Signals;

@@ -17,13 +17,15 @@ pub struct RecordedStep {
 /// A file of inputs.
 #[derive(Clone, Debug)]
 pub struct InputsReader<'a> {
-    flown: Flown,
+    /// The first chunk: what flies.
+    pub flown: Flown,
     file: &'a [u8],
     /// The first byte after the current chunk.
     next: usize,
     /// The rest of the current chunk.
     content: &'a [u8],
-    is_cut_off: bool,
+    /// Whether the file ends within a chunk. Known when the last step was read.
+    pub is_cut_off: bool,
 }
 
 impl<'a> InputsReader<'a> {
@@ -42,16 +44,6 @@ impl<'a> InputsReader<'a> {
         let (content, next) = chunk_at(file, begin)?.ok_or(InputsError::Empty)?;
         let flown = postcard::from_bytes(content).map_err(|_| InputsError::Undecodable(begin))?;
         Ok(Self { flown, file, next, content: &[], is_cut_off: false })
-    }
-
-    /// The first chunk: what flies.
-    pub fn flown(&self) -> &Flown {
-        &self.flown
-    }
-
-    /// Whether the file ends within a chunk. Known when the last step was read.
-    pub fn is_cut_off(&self) -> bool {
-        self.is_cut_off
     }
 
     /// The next step; `None` at the end of the file, wherever it was cut off.

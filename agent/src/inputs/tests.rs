@@ -105,7 +105,7 @@ fn recorded() -> Vec<u8> {
 
 /// Runs the station again. Returns the number of steps that gave the same outputs, until one differs or the file ends.
 fn replay(reader: &mut InputsReader<'_>) -> Result<(u64, bool), InputsError> {
-    let mut station = reader.flown().station()?;
+    let mut station = reader.flown.station()?;
     let mut workspace = Workspace::default();
     let mut same = 0;
     while let Some(mut step) = reader.next_step()? {
@@ -122,9 +122,9 @@ fn replay(reader: &mut InputsReader<'_>) -> Result<(u64, bool), InputsError> {
 fn a_replay_gives_every_output_byte_for_byte() {
     let bytes = recorded();
     let mut reader = InputsReader::new(&bytes).unwrap();
-    assert_eq!(*reader.flown(), flown(1));
+    assert_eq!(reader.flown, flown(1));
     assert_eq!(replay(&mut reader).unwrap(), (STEPS, true));
-    assert!(!reader.is_cut_off());
+    assert!(!reader.is_cut_off);
     println!("{} bytes a step", bytes.len() as u64 / STEPS);
 }
 
@@ -158,7 +158,7 @@ fn a_changed_byte_is_found_wherever_it_is() {
         let found = InputsReader::new(&changed).and_then(|mut reader| {
             let (same, is_whole) = replay(&mut reader)?;
             // A length that reaches beyond the file looks like a file that was cut off.
-            Ok(is_whole && same == STEPS && !reader.is_cut_off())
+            Ok(is_whole && same == STEPS && !reader.is_cut_off)
         });
         assert!(!found.unwrap_or(false), "byte {at}");
     }
@@ -199,7 +199,7 @@ fn only_a_fault_leaves_a_file_and_few_old_ones_stay() {
     assert_eq!(fs::read_dir(path.path()).unwrap().count(), 8);
     let bytes = fs::read(file_of(path.path(), 11)).unwrap();
     let mut reader = InputsReader::new(&bytes).unwrap();
-    assert_eq!(reader.flown().incarnation, Incarnation(11));
+    assert_eq!(reader.flown.incarnation, Incarnation(11));
     let mut lost = 0;
     while let Some(step) = reader.next_step().unwrap() {
         lost += step.outputs.unwrap().outbox.happened.iter().filter(|event| is_fault(event)).count();

@@ -53,7 +53,7 @@ fn damaged_inputs_of_an_agent_are_refused_or_read_up_to_the_damage() {
     let file = include_bytes!("../../specimens/messages-7/vehicle-2.inputs");
     let steps = |bytes: &[u8]| {
         let Ok(mut reader) = InputsReader::new(bytes) else { return 0 };
-        let _ = reader.flown().station();
+        let _ = reader.flown.station();
         let mut steps = 0;
         while let Ok(Some(_)) = reader.next_step() {
             steps += 1;

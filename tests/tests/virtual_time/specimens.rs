@@ -105,12 +105,12 @@ fn recording(path: &Path) -> Given {
 fn inputs(path: &Path) -> Given {
     let file = fs::read(path)?;
     let mut reader = InputsReader::new(&file)?;
-    let (mut station, mut workspace, mut steps) = (reader.flown().station()?, Workspace::default(), 0);
+    let (mut station, mut workspace, mut steps) = (reader.flown.station()?, Workspace::default(), 0);
     while let Some(mut step) = reader.next_step()? {
         station.step_with(&mut step.inputs, &mut workspace);
         steps += 1;
     }
-    Ok(format!("inputs of vehicle {}, {steps} steps", reader.flown().vehicle))
+    Ok(format!("inputs of vehicle {}, {steps} steps", reader.flown.vehicle))
 }
 
 fn cluster(path: &Path) -> Given {

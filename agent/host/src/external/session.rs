@@ -6,7 +6,7 @@
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
-use std::process::{Child, ChildStderr, Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -84,7 +84,13 @@ impl LawSession {
             in_own_group(&mut command);
         }
         let mut process = command.spawn()?;
-        let errors = process.stderr.take().map(|stderr| thread::spawn(move || pass_on(stderr, log)));
+        let pass_on = move |_: Instant, message: LawInput| {
+            if let LawInput::Data(line) = message {
+                log(String::from_utf8_lossy(&line).trim_end());
+            }
+            true
+        };
+        let errors = process.stderr.take().map(|stderr| thread::spawn(move || read_lines(stderr, pass_on)));
         if let Some(stdout) = process.stdout.take() {
             thread::spawn(move || read_lines(stdout, sink));
         }
@@ -157,13 +163,10 @@ impl LawSession {
     /// Describes how the law ended.
     pub fn how_it_ended(&mut self) -> String {
         let Partner::Process(process) = &mut self.partner else { return "has closed the connection".to_owned() };
-        let until = now() + END_TIMEOUT;
-        loop {
-            match process.try_wait() {
-                Ok(Some(status)) => return format!("has ended ({status})"),
-                Ok(None) if now() < until => sleep_until(now() + Duration::from_millis(5)),
-                _ => return "has closed its input or its output".to_owned(),
-            }
+        wait_while(END_TIMEOUT, || matches!(process.try_wait(), Ok(None)));
+        match process.try_wait() {
+            Ok(Some(status)) => format!("has ended ({status})"),
+            _ => "has closed its input or its output".to_owned(),
         }
     }
 
@@ -179,18 +182,13 @@ impl Drop for LawSession {
         self.send_bye();
         match &mut self.partner {
             Partner::Process(process) => {
-                let until = now() + END_TIMEOUT;
-                while now() < until && matches!(process.try_wait(), Ok(None)) {
-                    sleep_until(now() + Duration::from_millis(5));
-                }
+                wait_while(END_TIMEOUT, || matches!(process.try_wait(), Ok(None)));
                 // Its own children may still hold its streams; the threads end when those do.
                 let _ = process.kill();
                 let _ = process.wait();
                 // The last line often says why the process has ended.
-                let until = now() + LAST_LINES_TIMEOUT;
-                while now() < until && self.errors.as_ref().is_some_and(|errors| !errors.is_finished()) {
-                    sleep_until(now() + Duration::from_millis(5));
-                }
+                let errors = self.errors.as_ref();
+                wait_while(LAST_LINES_TIMEOUT, || errors.is_some_and(|errors| !errors.is_finished()));
             }
             Partner::Connection(stream) => {
                 self.writer.take().map(JoinHandle::join);
@@ -198,6 +196,14 @@ impl Drop for LawSession {
             }
             Partner::Datagrams { closed } => closed.store(true, Relaxed),
         }
+    }
+}
+
+/// Waits while this is so, no longer than the timeout.
+fn wait_while(timeout: Duration, mut is_so: impl FnMut() -> bool) {
+    let until = now() + timeout;
+    while now() < until && is_so() {
+        sleep_until(now() + Duration::from_millis(5));
     }
 }
 
@@ -260,16 +266,6 @@ fn read_datagrams(socket: &UdpSocket, closed: &AtomicBool, mut sink: impl Sink) 
         }
     }
     sink(now(), LawInput::End);
-}
-
-/// Passes on a law's standard error, line by line.
-fn pass_on(stderr: ChildStderr, log: impl Fn(&str) + Send + 'static) {
-    read_lines(stderr, move |_, message| {
-        if let LawInput::Data(line) = message {
-            log(String::from_utf8_lossy(&line).trim_end());
-        }
-        true
-    });
 }
 
 #[cfg(test)]
