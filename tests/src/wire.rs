@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, Command as Arguments, FromArgMatches};
 use rand::Rng;
 use skein_agent::plant::xplane::client::{Client, Indices};
-use skein_agent::plant::xplane::server::{Dataref, Task};
+use skein_agent::plant::xplane::server::{DATAREFS, Task};
 use skein_agent::plant::xplane::standin::{RunState, Simulator, StandinOptions};
 use skein_agent::plant::xplane::wire::aircraft::Load;
 use skein_agent::plant::xplane::wire::dref::Write;
@@ -395,7 +395,7 @@ impl Swarm {
     /// # Panics
     /// If the simulator has no such number.
     pub fn read(&mut self, nth: usize, path: &str) -> f64 {
-        let dataref = Dataref::all().iter().position(|dataref| dataref.path == path).expect("a dataref");
+        let dataref = DATAREFS.iter().position(|dataref| dataref.path == path).expect("a dataref");
         let values = self.vehicles[nth].simulator.serve(&Task::Read(vec![(dataref, None)])).expect("a frame");
         values.first().and_then(|value| value.as_f64()).expect("a number")
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use arbitrary::{Result, Unstructured};
 use skein_agent::plant::xplane::client::{Client, Indices};
 use skein_agent::plant::xplane::server::{Server, Surroundings, Version};
-use skein_agent::plant::xplane::wire::aircraft::{Move, Physics};
+use skein_agent::plant::xplane::wire::aircraft::{Move, VEHX};
 use skein_agent::plant::xplane::wire::becn::Beacon;
 use skein_agent::plant::xplane::wire::dref::Write;
 use skein_agent::plant::xplane::wire::operation::Command as RunCommand;
@@ -58,7 +58,7 @@ fn requests() -> Vec<Vec<u8>> {
         speed_m_s: 0.0,
     };
     let pose = Move {
-        physics: Physics::Stop,
+        tag: VEHX,
         aircraft: 3,
         latitude_deg: 28.0,
         longitude_deg: -82.0,

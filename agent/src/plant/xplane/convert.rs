@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use nalgebra::Rotation3;
 use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, TangentPlane, VelocityNed, wrap_rad};
 
-use super::wire::aircraft::{Move, Physics};
+use super::wire::aircraft::{Move, VEHX};
 use super::wire::rpos::Position;
 use skein_core::plant::{GroundTruth, Measurement, PeerPose};
 
@@ -126,7 +126,7 @@ pub(super) fn position(measurement: &Measurement, plane: &TangentPlane) -> Posit
 pub(super) fn peer(pose: &PeerPose, number: u8) -> Move {
     let PeerPose { position, attitude, .. } = pose;
     Move {
-        physics: Physics::Stop,
+        tag: VEHX,
         aircraft: number,
         latitude_deg: position.latitude_deg(),
         longitude_deg: position.longitude_deg(),

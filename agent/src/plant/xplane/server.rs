@@ -22,7 +22,7 @@ mod web;
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 
-use super::wire::aircraft::{ACFN, Load, Move, Physics};
+use super::wire::aircraft::{ACFN, Load, Move, VEHS, VEHX};
 use super::wire::becn::{self, Beacon};
 use super::wire::dref::{self, Write};
 use super::wire::operation::{self, Command};
@@ -30,7 +30,7 @@ use super::wire::prel::{self, Placement};
 use super::wire::{self, WireError, radr, rows, rpos, rref};
 use clients::Clients;
 pub use commands::{Action, COMMANDS, CommandEntry};
-pub use datarefs::{DEFAULT_ACF, Dataref, Surroundings, ValueType};
+pub use datarefs::{DATAREFS, DEFAULT_ACF, Dataref, Surroundings, ValueType};
 use datarefs::{Handle, Others, Situation, reference_below};
 use motion::Motion;
 use output::{Radar, Rows};
@@ -179,9 +179,7 @@ impl Server {
                 self.has_collective |= output::write(&rows, &mut self.settings);
                 None
             }),
-            Some(tag) if [Physics::Stop, Physics::Continue].map(Physics::tag).contains(tag) => {
-                Move::decode(datagram).map(|moved| self.move_aircraft(moved))
-            }
+            Some(tag) if [VEHX, VEHS].contains(tag) => Move::decode(datagram).map(|moved| self.move_aircraft(moved)),
             Some(&ACFN) => Load::decode(datagram).map(|load| self.load(&load)),
             Some(&radr::TAG) => wire::decode_rate(datagram, &radr::TAG)
                 .map(|rate_hz| self.radar.subscribe(from, rate_hz, self.frame_rate_hz))
@@ -206,7 +204,7 @@ impl Server {
     /// Moves an aircraft. Under VEHX its own path ends, until a client gives that back.
     fn move_aircraft(&mut self, moved: Move) -> Option<Order> {
         let number = usize::from(moved.aircraft);
-        if moved.physics == Physics::Stop {
+        if moved.tag == VEHX {
             self.settings.store(Setting::OverridePlanePath, number, 1.0);
         }
         match number.checked_sub(1) {

@@ -169,11 +169,6 @@ pub struct Dataref {
 }
 
 impl Dataref {
-    /// All datarefs of the simulator.
-    pub fn all() -> &'static [Self] {
-        DATAREFS
-    }
-
     /// Whether a simulator with this aircraft has it: aircraft bring datarefs of their own.
     pub fn is_in(&self, acf: &str) -> bool {
         !self.path.starts_with(OF_THE_R22) || acf.contains("R22")
@@ -241,7 +236,7 @@ macro_rules! with_aircraft {
 
 /// All datarefs; searched only when a client subscribes or writes.
 #[rustfmt::skip]
-static DATAREFS: &[Dataref] = &{
+pub static DATAREFS: &[Dataref] = &{
     use Setting::*;
     use Source::{All, Computed, Kept, Read};
     with_aircraft! { [
@@ -384,8 +379,8 @@ pub(super) fn groundspeed_m_s(situation: &Situation) -> f64 {
 /// An existing dataref, or one element of it.
 #[derive(Clone, Copy)]
 pub(super) struct Handle {
-    dataref: &'static Dataref,
-    element: usize,
+    pub(super) dataref: &'static Dataref,
+    pub(super) element: usize,
 }
 
 impl Handle {
@@ -394,11 +389,6 @@ impl Handle {
         let (name, element) = name_and_element(path)?;
         let dataref = DATAREFS.iter().find(|dataref| dataref.path == name && dataref.is_in(acf))?;
         (element < dataref.elements(engines)).then_some(Self { dataref, element })
-    }
-
-    /// An element of a dataref, which has to have it.
-    pub(super) fn of(dataref: &'static Dataref, element: usize) -> Self {
-        Self { dataref, element }
     }
 
     /// Reads the value; over UDP every type is sent as f32.
@@ -414,17 +404,11 @@ impl Handle {
 
     /// Writes a value and returns the setting that has changed; `None` for a read-only dataref.
     pub(super) fn write(&self, value: f32, settings: &mut Settings) -> Option<Setting> {
-        let setting = match self.dataref.source {
-            Source::Computed(_) | Source::Text(_) | Source::Read(_) => return None,
-            Source::Kept(setting) => {
-                settings.store(setting, self.element, value);
-                setting
-            }
-            Source::All(setting) => {
-                settings.set_all(setting, value);
-                setting
-            }
-        };
+        let (Source::Kept(setting) | Source::All(setting)) = self.dataref.source else { return None };
+        match self.dataref.source {
+            Source::All(_) => settings.set_all(setting, value),
+            _ => settings.store(setting, self.element, value),
+        }
         Some(setting)
     }
 }

@@ -10,7 +10,7 @@ use super::datarefs::Situation;
 use super::settings::{Setting, Settings};
 use crate::plant::xplane::convert::rpm_from_rad_s;
 use crate::plant::xplane::wire::radr::{RadarPoint, RadarPoint11};
-use crate::plant::xplane::wire::rows::{DATA_OUTPUT, Destination, Output, Row, Selection, encode_rows};
+use crate::plant::xplane::wire::rows::{DATA_OUTPUT, Destination, Row, SELECTIONS, Selection, encode_rows};
 use crate::plant::xplane::wire::{Tag, WireError};
 
 /// Highest number of a row. An unknown row once raised an alert on X-Plane's screen; here it is ignored.
@@ -34,15 +34,15 @@ impl Rows {
     /// If the message is malformed.
     pub(super) fn handle(&mut self, datagram: &[u8], from: SocketAddr) -> Result<(), WireError> {
         let is = |tags: &[Tag]| tags.iter().any(|tag| datagram.starts_with(tag));
-        if is(&Output::ALL.map(Output::tag)) {
-            let Selection { output, rows } = Selection::decode(datagram)?;
-            match output {
-                Output::Send => self.selected.extend(rows.iter().filter(|&&row| (0..=LAST_ROW).contains(&row))),
-                Output::DoNotSend => rows.iter().for_each(|row| {
+        if is(&SELECTIONS) {
+            let Selection { tag, rows } = Selection::decode(datagram)?;
+            match &tag {
+                b"DSEL" => self.selected.extend(rows.iter().filter(|&&row| (0..=LAST_ROW).contains(&row))),
+                b"USEL" => rows.iter().for_each(|row| {
                     self.selected.remove(row);
                 }),
                 // There is no cockpit.
-                Output::Show | Output::DoNotShow => {}
+                _ => {}
             }
         } else if is(&[*b"ISE4", *b"ISE6"]) {
             let Destination { target, address, port, is_on } = Destination::decode(datagram)?;

@@ -365,7 +365,7 @@ fn wrong_sizes_are_counted_and_unknown_messages_are_ignored() {
 fn aircraft_are_moved_and_loaded() {
     let mut bench = Bench::new();
     let moved = |aircraft: u8| Move {
-        physics: Physics::Stop,
+        tag: VEHX,
         aircraft,
         latitude_deg: 28.0,
         longitude_deg: -82.0,

@@ -6,7 +6,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::Value as Json;
 
-use super::datarefs::{Dataref, Handle, ValueType};
+use super::datarefs::{DATAREFS, Dataref, Handle, ValueType};
 use super::settings::Setting;
 use super::{Action, Order, Server};
 use crate::plant::xplane::wire::prel::Placement;
@@ -32,7 +32,7 @@ pub struct Flight {
     pub fuel_kg: Option<f64>,
 }
 
-/// A request of a client of the Web API to the simulator. Datarefs are the positions in [`Dataref::all`].
+/// A request of a client of the Web API to the simulator. Datarefs are the positions in [`DATAREFS`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Task {
     /// Read these datarefs, or elements of them.
@@ -51,15 +51,15 @@ impl Server {
     pub fn serve(&mut self, task: &Task) -> Option<(Vec<Json>, Vec<Order>)> {
         match task {
             Task::Read(datarefs) => {
-                let values = datarefs.iter().map(|(dataref, wanted)| self.value(Dataref::all().get(*dataref)?, wanted));
+                let values = datarefs.iter().map(|(dataref, wanted)| self.value(DATAREFS.get(*dataref)?, wanted));
                 Some((values.collect::<Option<_>>()?, Vec::new()))
             }
             Task::Write(writes) => {
                 let mut orders = Vec::new();
                 for &(dataref, element, value) in writes {
-                    let dataref = Dataref::all().get(dataref)?;
+                    let dataref = DATAREFS.get(dataref)?;
                     if element < dataref.elements(self.version.engines()) {
-                        let written = Handle::of(dataref, element).write(value as f32, &mut self.settings);
+                        let written = Handle { dataref, element }.write(value as f32, &mut self.settings);
                         orders.extend(written.and_then(|setting| self.after_write(setting)));
                     }
                 }
@@ -102,7 +102,7 @@ impl Server {
     /// The value of a dataref as the Web API shows it: numbers, arrays, and bytes in base64. Of wanted elements it is an array.
     fn value(&self, dataref: &'static Dataref, wanted: &Elements) -> Option<Json> {
         let situation = self.situation.as_ref()?;
-        let read = |at| Handle::of(dataref, at).read(situation, &self.settings);
+        let read = |element| Handle { dataref, element }.read(situation, &self.settings);
         let element = |at| {
             let value = read(at);
             match dataref.value_type {

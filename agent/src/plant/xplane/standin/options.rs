@@ -93,15 +93,6 @@ pub struct StandinOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WebPort(pub Option<u16>);
 
-impl std::fmt::Display for WebPort {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.0 {
-            Some(port) => port.fmt(f),
-            None => f.write_str("off"),
-        }
-    }
-}
-
 impl std::str::FromStr for WebPort {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {

@@ -8,7 +8,7 @@ use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wr
 use super::aircraft::Aircraft;
 use super::options::{StandinError, StandinOptions, check_frames, parameters, start, weather};
 use crate::plant::xplane::server::{Order, Server, Surroundings, Task};
-use crate::plant::xplane::wire::aircraft::{Move, Physics};
+use crate::plant::xplane::wire::aircraft::{Move, VEHX};
 use crate::plant::xplane::wire::prel::Placement;
 use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
 use skein_core::plant::{Frame, GroundTruth, Measurement};
@@ -137,7 +137,7 @@ impl Simulator {
     fn obey(&mut self, order: Option<Order>) -> bool {
         match order {
             Some(Order::Place(placement)) => self.place(&placement),
-            Some(Order::Move(moved)) if moved.physics == Physics::Stop => {
+            Some(Order::Move(moved)) if moved.tag == VEHX => {
                 self.held = Some((moved, self.held.map_or(0.0, |(_, held_s)| held_s)));
             }
             Some(Order::Move(moved)) => self.put_down(&moved),

@@ -4,12 +4,12 @@ use clap::Parser;
 
 use super::*;
 use crate::plant::xplane::server::Version;
-use crate::plant::xplane::wire::aircraft::{Move, Physics};
+use crate::plant::xplane::wire::aircraft::{Move, VEHS, VEHX};
 use crate::plant::xplane::wire::dref::Write;
 use crate::plant::xplane::wire::operation::Command;
 use crate::plant::xplane::wire::prel::Placement;
 use crate::plant::xplane::wire::rpos::{self, Position};
-use crate::plant::xplane::wire::{MAX_DATAGRAM, encode_rate, rref};
+use crate::plant::xplane::wire::{MAX_DATAGRAM, Tag, encode_rate, rref};
 
 mod faults;
 mod web;
@@ -110,8 +110,8 @@ fn four_hundred_datarefs_that_are_asked_for_between_two_frames_are_all_answered(
 fn a_client_holds_the_users_own_aircraft_in_a_pose_and_gives_it_back() {
     let mut bench = Bench::new(&["--lat", "28", "--lon=-82.5", "--alt", "10"]);
     bench.position_after(5);
-    let moved = |physics: Physics| Move {
-        physics,
+    let moved = |tag: Tag| Move {
+        tag,
         aircraft: 0,
         latitude_deg: 28.001,
         longitude_deg: -82.499,
@@ -120,7 +120,7 @@ fn a_client_holds_the_users_own_aircraft_in_a_pose_and_gives_it_back() {
         pitch_deg: 5.0,
         roll_deg: -3.0,
     };
-    bench.send(|out| moved(Physics::Stop).encode(out));
+    bench.send(|out| moved(VEHX).encode(out));
     let held = bench.position_after(20);
     assert!((held.latitude_deg - 28.001).abs() < 1e-9 && (held.longitude_deg + 82.499).abs() < 1e-9, "{held:?}");
     assert!((held.elevation_m - 60.0).abs() < 1e-6 && (held.height_m - 50.0).abs() < 1e-4, "{held:?}");
@@ -135,7 +135,7 @@ fn a_client_holds_the_users_own_aircraft_in_a_pose_and_gives_it_back() {
         (standing.latitude_deg - 28.001).abs() < 1e-6 && (standing.heading_deg - 120.0).abs() < 0.1,
         "{standing:?}"
     );
-    bench.send(|out| Move { latitude_deg: 28.002, ..moved(Physics::Continue) }.encode(out));
+    bench.send(|out| Move { latitude_deg: 28.002, ..moved(VEHS) }.encode(out));
     let standing = bench.position_after(10);
     assert!((standing.latitude_deg - 28.002).abs() < 1e-6 && standing.height_m < 1.0, "{standing:?}");
 }

@@ -29,7 +29,7 @@ use parking_lot::Mutex;
 use serde_json::{Value as Json, json};
 use tokio::sync::{Semaphore, mpsc, oneshot};
 
-use crate::plant::xplane::server::{COMMANDS, Dataref, Task};
+use crate::plant::xplane::server::{COMMANDS, DATAREFS, Dataref, Task};
 use active::Active;
 
 /// Largest number of connections, and of WebSockets beside them.
@@ -118,7 +118,7 @@ impl WebState {
 
     /// The dataref with this number, and its position in the table.
     fn dataref(&self, id: &str) -> Result<(usize, &'static Dataref), Fault> {
-        let at = nth(id, self.dataref_id(0)).and_then(|at| Some((at, Dataref::all().get(at)?)));
+        let at = nth(id, self.dataref_id(0)).and_then(|at| Some((at, DATAREFS.get(at)?)));
         at.ok_or_else(|| Fault::missing("invalid_dataref_id", format!("Dataref {id} doesn't exist")))
     }
 

@@ -13,30 +13,16 @@ const PATH: usize = 152;
 /// Longest path, bytes: a NUL follows it inside its 150 bytes.
 const MAX_PATH: usize = 149;
 
-/// The fate of the aircraft's flight model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Physics {
-    /// VEHX: it stops, and the aircraft stays where it is until the next message.
-    Stop,
-    /// VEHS: it continues from the new pose.
-    Continue,
-}
-
-impl Physics {
-    /// Tag of the message.
-    pub fn tag(self) -> Tag {
-        match self {
-            Self::Stop => *b"VEHX",
-            Self::Continue => *b"VEHS",
-        }
-    }
-}
+/// Tag of a [`Move`] that stops the flight model: the aircraft stays where it is until the next message.
+pub const VEHX: Tag = *b"VEHX";
+/// Tag of a [`Move`] from which the flight model continues.
+pub const VEHS: Tag = *b"VEHS";
 
 /// A new pose of an aircraft.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Move {
-    /// The fate of its flight model.
-    pub physics: Physics,
+    /// The fate of its flight model: [`VEHX`] or [`VEHS`].
+    pub tag: Tag,
     /// Number of the aircraft: 0 is the user's own, 19 the last.
     pub aircraft: u8,
     /// Latitude, −90 to 90, north positive.
@@ -59,11 +45,10 @@ impl Move {
     /// # Errors
     /// If the datagram is neither message, or a number is out of range.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
-        let is_stop = datagram.starts_with(&Physics::Stop.tag());
-        let physics = if is_stop { Physics::Stop } else { Physics::Continue };
-        let mut fields = body_of_size(datagram, &physics.tag(), MOVE_SIZE)?;
+        let tag = if datagram.starts_with(&VEHX) { VEHX } else { VEHS };
+        let mut fields = body_of_size(datagram, &tag, MOVE_SIZE)?;
         let moved = Self {
-            physics,
+            tag,
             aircraft: fields.aircraft_number()?,
             latitude_deg: fields.next()?,
             longitude_deg: fields.next()?,
@@ -77,7 +62,7 @@ impl Move {
 
     /// Encodes the new pose.
     pub fn encode(&self, out: &mut Vec<u8>) {
-        begin(out, &self.physics.tag());
+        begin(out, &self.tag);
         i32::from(self.aircraft).write(out);
         [self.latitude_deg, self.longitude_deg, self.elevation_m].iter().for_each(|value| value.write(out));
         [self.heading_deg, self.pitch_deg, self.roll_deg].iter().for_each(|value| value.write(out));

@@ -64,39 +64,14 @@ pub fn encode_rows(rows: &[Row], out: &mut Vec<u8>) -> Result<(), WireError> {
     Ok(())
 }
 
-/// The change that a selection of rows makes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Output {
-    /// DSEL: send the rows by UDP.
-    Send,
-    /// USEL: send them no longer.
-    DoNotSend,
-    /// DCOC: show the rows in the cockpit.
-    Show,
-    /// UCOC: show them no longer.
-    DoNotShow,
-}
-
-impl Output {
-    /// The four selections.
-    pub const ALL: [Self; 4] = [Self::Send, Self::DoNotSend, Self::Show, Self::DoNotShow];
-
-    /// Tag of the message.
-    pub fn tag(self) -> Tag {
-        match self {
-            Self::Send => *b"DSEL",
-            Self::DoNotSend => *b"USEL",
-            Self::Show => *b"DCOC",
-            Self::DoNotShow => *b"UCOC",
-        }
-    }
-}
+/// Tags of the selections: send the rows by UDP, send them no longer, show them in the cockpit, show them no longer.
+pub const SELECTIONS: [Tag; 4] = [*b"DSEL", *b"USEL", *b"DCOC", *b"UCOC"];
 
 /// A selection of rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Selection {
-    /// The change for the rows.
-    pub output: Output,
+    /// The change for the rows, one of [`SELECTIONS`].
+    pub tag: Tag,
     /// Numbers of the rows; unknown and repeated ones do no harm.
     pub rows: Vec<i32>,
 }
@@ -107,18 +82,17 @@ impl Selection {
     /// # Errors
     /// If the datagram is another message, or ends within a number.
     pub fn decode(datagram: &[u8]) -> Result<Self, WireError> {
-        let output = Output::ALL.into_iter().find(|output| datagram.starts_with(&output.tag()));
-        let output = output.ok_or(WireError::WrongTag)?;
-        let (numbers, rest) = body(datagram, &output.tag())?.as_chunks::<4>();
+        let tag = SELECTIONS.into_iter().find(|tag| datagram.starts_with(tag)).ok_or(WireError::WrongTag)?;
+        let (numbers, rest) = body(datagram, &tag)?.as_chunks::<4>();
         if !rest.is_empty() {
             return Err(WireError::WrongSize);
         }
-        Ok(Self { output, rows: numbers.iter().map(|number| i32::from_le_bytes(*number)).collect() })
+        Ok(Self { tag, rows: numbers.iter().map(|number| i32::from_le_bytes(*number)).collect() })
     }
 
     /// Encodes the selection.
     pub fn encode(&self, out: &mut Vec<u8>) {
-        begin(out, &self.output.tag());
+        begin(out, &self.tag);
         self.rows.iter().for_each(|row| row.write(out));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::plant::xplane::wire::radr::{RadarPoint, RadarPoint11};
-use crate::plant::xplane::wire::rows::{DATA_OUTPUT, Destination, Output, Row, Selection, decode_rows, encode_rows};
+use crate::plant::xplane::wire::rows::{DATA_OUTPUT, Destination, Row, Selection, decode_rows, encode_rows};
 
 const PAUSED: &str = "sim/time/paused";
 
@@ -59,10 +59,10 @@ fn destination(address: [u8; 4], port: u16, is_on: bool) -> Destination {
 #[test]
 fn selected_rows_go_to_the_one_receiver_at_its_rate() {
     let mut bench = Bench::new();
-    let select = |bench: &mut Bench, output, rows: &[i32]| {
-        bench.send(client(1), |out| Selection { output, rows: rows.to_vec() }.encode(out));
+    let select = |bench: &mut Bench, tag, rows: &[i32]| {
+        bench.send(client(1), |out| Selection { tag, rows: rows.to_vec() }.encode(out));
     };
-    select(&mut bench, Output::Send, &[20, 16, 17, 16, 3, 9_999, -1, 77]);
+    select(&mut bench, *b"DSEL", &[20, 16, 17, 16, 3, 9_999, -1, 77]);
     bench.frames(50);
     assert_eq!(bench.sent.len(), 0, "no receiver is set");
     bench.send(client(1), |out| destination([127, 0, 0, 1], 49_005, true).encode(out));
@@ -81,7 +81,7 @@ fn selected_rows_go_to_the_one_receiver_at_its_rate() {
     assert!(rows[0].values[4].is_none(), "a slot without a value: {:?}", rows[0]);
 
     bench.set("sim/network/dataout/network_data_rate", 1000.0);
-    select(&mut bench, Output::DoNotSend, &[3, 16, 17]);
+    select(&mut bench, *b"USEL", &[3, 16, 17]);
     bench.sent.clear();
     bench.frames(50);
     assert_eq!(bench.sent.len(), 50, "never faster than frames");
@@ -97,7 +97,7 @@ fn selected_rows_go_to_the_one_receiver_at_its_rate() {
 #[test]
 fn rates_of_rotation_have_the_order_and_unit_of_the_version() {
     let mut bench = Bench { server: Server::new(Version::V11, RATE_HZ, Surroundings::default()), sent: Vec::new() };
-    bench.send(client(1), |out| Selection { output: Output::Send, rows: vec![16] }.encode(out));
+    bench.send(client(1), |out| Selection { tag: *b"DSEL", rows: vec![16] }.encode(out));
     bench.send(client(1), |out| destination([127, 0, 0, 1], 49_005, true).encode(out));
     bench.frames(50);
     let row = decode_rows(&bench.sent[0].1).unwrap()[0];

@@ -381,7 +381,7 @@ fn x_plane_11_has_none_and_takes_its_own_weather() {
         }
         let (frame_s, _) = simulator.begin_frame();
         simulator.end_frame(frame_s, |_, _| ());
-        let wind = crate::plant::xplane::server::Dataref::all().iter().position(|dataref| dataref.path == WIND_X);
+        let wind = crate::plant::xplane::server::DATAREFS.iter().position(|dataref| dataref.path == WIND_X);
         simulator.begin_frame();
         simulator.end_frame(frame_s, |_, _| ());
         let values = simulator.serve(&crate::plant::xplane::server::Task::Read(vec![(wind.unwrap(), None)])).unwrap();

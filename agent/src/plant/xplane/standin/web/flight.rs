@@ -14,14 +14,9 @@ const TIMES: [&str; 4] = ["use_system_time", "local_time", "gmt_time", "time_enu
 const MOST_WEIGHTS: usize = 9;
 const HEAVIEST_KG: f64 = 1e6;
 const M_S_PER_KNOT: f64 = 1852.0 / 3600.0;
-/// Keys of a flight; another one is refused.
-const KEYS: [&str; 19] = [
+/// Keys of a flight beside its start and time; another one is refused.
+const OTHERS: [&str; 10] = [
     "aircraft",
-    "runway_start",
-    "ramp_start",
-    "lle_ground_start",
-    "lle_air_start",
-    "boat_start",
     "weight",
     "engine_status",
     "weapons",
@@ -29,10 +24,6 @@ const KEYS: [&str; 19] = [
     "ai_aircraft",
     "formation_aircraft",
     "incursion",
-    "use_system_time",
-    "local_time",
-    "gmt_time",
-    "time_enum",
     "weather",
     "special_events",
 ];
@@ -142,7 +133,8 @@ fn weights(flight: &Map<String, Json>) -> Result<[Option<f64>; 2], Fault> {
 
 fn object(data: &Json) -> Result<&Map<String, Json>, Fault> {
     let flight = data.as_object().ok_or_else(|| invalid("data"))?;
-    match flight.keys().find(|key| !KEYS.contains(&key.as_str())) {
+    let is_known = |key: &str| STARTS.contains(&key) || TIMES.contains(&key) || OTHERS.contains(&key);
+    match flight.keys().find(|key| !is_known(key)) {
         Some(unknown) => Err(invalid(unknown)),
         None => Ok(flight),
     }

@@ -14,7 +14,7 @@ use tokio::time::{Duration, Instant, timeout};
 
 use super::values::{check_index, elements};
 use super::{Fault, MAX_BODY, REQUEST_WITHIN, WebState, flight, socket};
-use crate::plant::xplane::server::{COMMANDS, Dataref, Task, Version};
+use crate::plant::xplane::server::{COMMANDS, DATAREFS, Dataref, Task, Version};
 
 type Api = State<Arc<WebState>>;
 type Pairs = Query<Vec<(String, String)>>;
@@ -122,13 +122,13 @@ async fn datarefs(State(shared): Api, Query(pairs): Pairs) -> Reply {
             "is_writable": dataref.is_writable(),
         })
     };
-    let all = Dataref::all().iter().enumerate().filter(|(_, dataref)| dataref.is_in(&shared.acf));
+    let all = DATAREFS.iter().enumerate().filter(|(_, dataref)| dataref.is_in(&shared.acf));
     let all = all.map(entry).collect();
     page(all, &pairs, |name| Fault::missing("invalid_dataref_name", format!("Dataref {name} doesn't exist")))
 }
 
 async fn count_datarefs(State(shared): Api) -> Reply {
-    let all = Dataref::all().iter().filter(|dataref| dataref.is_in(&shared.acf));
+    let all = DATAREFS.iter().filter(|dataref| dataref.is_in(&shared.acf));
     Ok(Json(json!({ "data": all.count() })))
 }
 

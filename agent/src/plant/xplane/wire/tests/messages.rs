@@ -5,11 +5,11 @@ use std::net::IpAddr;
 use proptest::prelude::*;
 
 use super::{encoded, typed};
-use crate::plant::xplane::wire::aircraft::{ACFN, Load, Move, Physics};
+use crate::plant::xplane::wire::aircraft::{ACFN, Load, Move, VEHS, VEHX};
 use crate::plant::xplane::wire::operation::{CMND, Command};
 use crate::plant::xplane::wire::radr::{self, RadarPoint, RadarPoint11};
 use crate::plant::xplane::wire::rows::{
-    self, DATA_OUTPUT, Destination, ISE4, ISE6, MAX_ROWS, Output, Row, Selection, decode_rows, encode_rows,
+    self, DATA_OUTPUT, Destination, ISE4, ISE6, MAX_ROWS, Row, SELECTIONS, Selection, decode_rows, encode_rows,
 };
 use crate::plant::xplane::wire::{Tag, WireError, decode_rate, encode_rate};
 
@@ -31,8 +31,8 @@ mod golden {
 
     #[test]
     fn selections() {
-        for (output, tag) in Output::ALL.into_iter().zip(["4453454c", "5553454c", "44434f43", "55434f43"]) {
-            let selection = Selection { output, rows: vec![3, 138, -1] };
+        for (selected, tag) in SELECTIONS.into_iter().zip(["4453454c", "5553454c", "44434f43", "55434f43"]) {
+            let selection = Selection { tag: selected, rows: vec![3, 138, -1] };
             let bytes = typed(&format!("{tag} 00 03000000 8a000000 ffffffff"));
             assert_eq!(encoded(|out| selection.encode(out)), bytes);
             assert_eq!(Selection::decode(&bytes), Ok(selection));
@@ -60,9 +60,9 @@ mod golden {
 
     #[test]
     fn poses() {
-        for (physics, tag) in [(Physics::Stop, "56454858"), (Physics::Continue, "56454853")] {
+        for (own, tag) in [(VEHX, "56454858"), (VEHS, "56454853")] {
             let moved = Move {
-                physics,
+                tag: own,
                 aircraft: 3,
                 latitude_deg: 28.25,
                 longitude_deg: -82.5,
@@ -167,8 +167,8 @@ mod refused {
 /// Bytes behind one of the tags, of the lengths that messages have and of others.
 fn any_datagram() -> impl Strategy<Value = Vec<u8>> {
     let mut tags = vec![rows::TAG, ISE4, ISE6, ACFN, CMND, radr::TAG];
-    tags.extend(Output::ALL.map(Output::tag));
-    tags.extend([Physics::Stop, Physics::Continue].map(Physics::tag));
+    tags.extend(SELECTIONS);
+    tags.extend([VEHX, VEHS]);
     let length = prop_oneof![0..60_usize, prop::sample::select(vec![1_usize, 33, 81, 41, 161, 225, 157, 961, 37])];
     // Small numbers, texts and noise.
     let bytes = length.prop_flat_map(|length| {
@@ -205,7 +205,7 @@ proptest! {
             };
         }
         check!([rows::TAG], decode_rows, |rows, out| encode_rows(rows, out));
-        check!(Output::ALL.map(Output::tag), Selection::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
+        check!(SELECTIONS, Selection::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([ISE4, ISE6], Destination::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([*b"VEHX", *b"VEHS"], Move::decode, |it, out| { it.encode(out); Ok::<_, WireError>(()) });
         check!([ACFN], Load::decode, |it, out| it.encode(out));
@@ -232,13 +232,13 @@ proptest! {
         let rows: Vec<Row> = rows.into_iter().map(|(index, values)| Row { index, values }).collect();
         prop_assume!(rows.iter().flat_map(|row| row.values).all(|value| value != Some(-999.0)));
         prop_assert_eq!(decode_rows(&encoded(|out| encode_rows(&rows, out).unwrap())), Ok(rows));
-        let selection = Selection { output: Output::ALL[nth], rows: selected };
+        let selection = Selection { tag: SELECTIONS[nth], rows: selected };
         prop_assert_eq!(Selection::decode(&encoded(|out| selection.encode(out))), Ok(selection));
         let to = Destination { target, address, port, is_on };
         prop_assert_eq!(Destination::decode(&encoded(|out| to.encode(out))), Ok(to));
-        let physics = if is_on { Physics::Stop } else { Physics::Continue };
+        let tag = if is_on { VEHX } else { VEHS };
         let moved = Move {
-            physics, aircraft, latitude_deg, longitude_deg, elevation_m, heading_deg, pitch_deg, roll_deg,
+            tag, aircraft, latitude_deg, longitude_deg, elevation_m, heading_deg, pitch_deg, roll_deg,
         };
         prop_assert_eq!(Move::decode(&encoded(|out| moved.encode(out))), Ok(moved));
         if path.len() <= 149 {
