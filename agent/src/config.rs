@@ -21,7 +21,6 @@ use crate::unix;
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_core::formation::{self, UnsupportedScenario};
-use skein_core::plant::Plant;
 use skein_host::external::{self, ExternalError};
 use skein_host::files::{self, FileError};
 
@@ -295,17 +294,6 @@ impl AgentOptions {
             run,
             inputs,
         })
-    }
-}
-
-impl Node {
-    /// Opens the plant. It touches no simulator before its first frame.
-    ///
-    /// # Errors
-    /// If what the plant needs of this computer cannot be had.
-    pub fn open_plant(&self) -> Result<Box<dyn Plant>, PlantError> {
-        let Self { scenario, id, aircraft, rules, flown_s, .. } = self;
-        self.plant.open(&PlantVehicle { scenario, id: *id, aircraft, rules, flown_s: *flown_s })
     }
 }
 

@@ -41,7 +41,7 @@ use crate::inputs::{Flown, Keeper, Recorder};
 use crate::link::{
     CLOCK_QUERY_PERIOD, HealthPublisher, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME,
 };
-use crate::plant::PlantError;
+use crate::plant::{PlantError, PlantVehicle};
 use crate::unix;
 use control::{Control, LoopState};
 use skein_core::energy::Energy;
@@ -172,29 +172,23 @@ pub fn run(node: &Node, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError
 pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: &Handle) -> Result<(), RunError> {
     let clock = LocalClock::start();
     let incarnation = incarnation();
-    let clocks = Clocks::new(&node.scenario, node.id).after(node.flown_s);
-    let craft = (&node.aircraft, node.rules.clone());
-    let station = Station::new(&node.scenario, node.id, incarnation, craft, clocks)?;
-    let plant = node.open_plant()?;
+    let &Node { ref scenario, id, ref aircraft, ref rules, flown_s, ref security, .. } = node;
+    let team = scenario.team.as_ref();
+    let clocks = Clocks::new(scenario, id).after(flown_s);
+    let station = Station::new(scenario, id, incarnation, (aircraft, rules.clone()), clocks)?;
+    let plant = node.plant.open(&PlantVehicle { scenario, id, aircraft, rules, flown_s })?;
+    let signing_key = security.signing_key(Branch::of(team.map(|team| team.id)).name(id))?;
     let trust = Trust {
         orders: node.orders_key,
         run: node.run,
-        key_ring: node.security.key_ring(&node.scenario.swarm.name),
-        signing_key: node
-            .security
-            .signing_key(Branch::of(node.scenario.team.map(|team| team.id)).name(node.id))?
-            .map(Arc::new),
-        ..Trust::of(&node.scenario)
+        key_ring: security.key_ring(&scenario.swarm.name),
+        signing_key: signing_key.map(Arc::new),
+        ..Trust::of(scenario)
     };
-    let link = Link::new(sessions, node.id, clock, trust)?;
+    let link = Link::new(sessions, id, clock, trust)?;
     let (health, reports) = mpsc::channel(2);
-    let team = node.scenario.team.as_ref();
-    let (recorder, keeper) = match &node.inputs {
-        Some(folder) => {
-            keep_inputs(folder, node, incarnation).map(|(recorder, keeper)| (Some(recorder), Some(keeper)))?
-        }
-        None => (None, None),
-    };
+    let kept = node.inputs.as_ref().map(|folder| keep_inputs(folder, node, incarnation));
+    let (recorder, keeper) = kept.transpose()?.unzip();
     tokio.spawn(publish_health(link.health(utc_nanoseconds)?, reports));
     let period = Duration::from_secs_f64(plant.frame_period_s());
     let control = Control {
@@ -203,21 +197,21 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
         plant_name: node.plant.kind().spec().name,
         release: release(),
         link,
-        law: LiveLaw::start(&node.scenario, node.id)?,
+        law: LiveLaw::start(scenario, id)?,
         clock,
-        origin: Origin::new(team.map_or(&node.scenario.origin, |team| &team.origin).geodetic()),
-        own_origin: Origin::new(node.scenario.origin.geodetic()),
+        origin: Origin::new(team.map_or(&scenario.origin, |team| &team.origin).geodetic()),
+        own_origin: Origin::new(scenario.origin.geodetic()),
         neighbourhood: team.map(|_| Neighbourhood::default()),
-        own: node.id,
+        own: id,
         incarnation,
         stop: stop.clone(),
         health,
         recorder,
-        energy: Energy::new(node.aircraft.battery.map(|battery| battery.capacity_wh)),
+        energy: Energy::new(aircraft.battery.map(|battery| battery.capacity_wh)),
         timing: Timing::new(period, now()),
         kept: LoopState::default(),
     };
-    let (id, plant) = (node.id, node.plant.kind().spec().name);
+    let plant = node.plant.kind().spec().name;
     let thread = thread::Builder::new().name("control".to_owned()).spawn(move || {
         let (priority, memory) = (unix::raise_thread_priority(), unix::lock_memory());
         tracing::info!("vehicle {id} flies {plant}: {priority}, {memory}");

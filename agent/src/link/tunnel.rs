@@ -34,7 +34,6 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, copy, split}
 use tokio::net::{TcpListener, TcpStream};
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::time::{sleep, timeout};
-use tokio_rustls::TlsStream;
 use zenoh::Session;
 
 use super::LinkError;
@@ -264,8 +263,8 @@ async fn accept(listener: TcpListener, host: Arc<Host>) {
                 prepare(&socket)?;
                 let socket = host.hand_over(socket)?;
                 io::Result::Ok(match &shared.tls_context {
-                    Some(tls_context) => Connection::secured(tls_context.accept(socket).await?),
-                    None => Connection::plain(socket),
+                    Some(tls_context) => tls_context.accept(socket).await?,
+                    None => Connection { stream: Box::new(socket), peer: None },
                 })
             };
             let accepted = timeout(CONNECT_TIMEOUT, accepted).await.unwrap_or(Err(io::ErrorKind::TimedOut.into()));
@@ -314,8 +313,8 @@ async fn dial(here: local::Stream, endpoint: String, shared: Arc<TunnelState>) {
         let socket = TcpStream::connect(address).await?;
         prepare(&socket)?;
         io::Result::Ok(match &shared.tls_context {
-            Some(tls_context) => Connection::secured(tls_context.connect(host(address), socket).await?),
-            None => Connection::plain(socket),
+            Some(tls_context) => tls_context.connect(host(address), socket).await?,
+            None => Connection { stream: Box::new(socket), peer: None },
         })
     };
     match timeout(CONNECT_TIMEOUT, reach).await {
@@ -354,14 +353,6 @@ struct Connection {
 }
 
 impl Connection {
-    fn plain(stream: TcpStream) -> Self {
-        Self { stream: Box::new(stream), peer: None }
-    }
-
-    fn secured((stream, peer): (TlsStream<TcpStream>, Peer)) -> Self {
-        Self { stream: Box::new(stream), peer: Some(peer) }
-    }
-
     /// The observer or operator at the other end, if it is one.
     fn guest(&self) -> Option<&Peer> {
         self.peer.as_ref().filter(|peer| peer.vehicle.is_none())

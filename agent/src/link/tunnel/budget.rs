@@ -161,8 +161,7 @@ pub(super) struct GuestLink {
 
 /// Limits one direction of a link.
 pub(super) struct ByteLimit {
-    /// Of what a guest sends, it is shared by all links of the guest: one that has more links keeps its rate until the last of
-    /// them ends.
+    /// Shared by all links of a guest for what it sends: one that has more links keeps its rate until the last of them ends.
     rate: Arc<Mutex<TokenBucket>>,
     left: u64,
 }

@@ -16,8 +16,9 @@ use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::server::WebPkiClientVerifier;
 use tokio_rustls::rustls::version::TLS13;
 use tokio_rustls::rustls::{ClientConfig, CommonState, RootCertStore, ServerConfig};
-use tokio_rustls::{TlsAcceptor, TlsConnector, TlsStream};
+use tokio_rustls::{TlsAcceptor, TlsConnector};
 
+use super::Connection;
 use crate::link::LinkError;
 use crate::link::security::{Certified, Tls, certified};
 use crate::link::signature::VerificationKey;
@@ -89,24 +90,24 @@ impl TlsContext {
     ///
     /// # Errors
     /// [`io::ErrorKind::InvalidData`] if the host is refused; any other kind if the network fails.
-    pub(super) async fn accept(&self, socket: TcpStream) -> io::Result<(TlsStream<TcpStream>, Peer)> {
+    pub(super) async fn accept(&self, socket: TcpStream) -> io::Result<Connection> {
         let stream = self.acceptor.accept(socket).await?;
         let peer = self.peer(stream.get_ref().1)?;
-        Ok((stream.into(), peer))
+        Ok(Connection { stream: Box::new(stream), peer: Some(peer) })
     }
 
     /// Completes the handshake with a host that this one has dialled.
     ///
     /// # Errors
     /// The same as [`Self::accept`].
-    pub(super) async fn connect(&self, host: &str, socket: TcpStream) -> io::Result<(TlsStream<TcpStream>, Peer)> {
+    pub(super) async fn connect(&self, host: &str, socket: TcpStream) -> io::Result<Connection> {
         let name = ServerName::try_from(host.to_owned()).map_err(refused)?;
         let stream = self.connector.connect(name, socket).await?;
         let peer = self.peer(stream.get_ref().1)?;
         if peer.vehicle.is_none() {
             return Err(refused(format!("the certificate {:?} does not belong to a vehicle", peer.name)));
         }
-        Ok((stream.into(), peer))
+        Ok(Connection { stream: Box::new(stream), peer: Some(peer) })
     }
 
     fn peer(&self, connection: &CommonState) -> io::Result<Peer> {
