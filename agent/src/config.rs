@@ -91,13 +91,8 @@ pub enum ConfigError {
     Scenario(#[from] ScenarioError),
     /// Agents cannot fly the scenario: it uses a feature that they do not support, has too many vehicles for real time, or has
     /// too little room for their starts.
-    #[error("{file}: {source}")]
-    InScenario {
-        /// The scenario's file.
-        file: String,
-        /// The fault in it.
-        source: Box<dyn Error + Send + Sync>,
-    },
+    #[error("{0}: {1}")]
+    InScenario(String, #[source] Box<dyn Error + Send + Sync>),
     /// The vehicle is not in the scenario.
     #[error("vehicle {id} does not fly in {file}, which has vehicles 1 to {vehicles}")]
     NotInSwarm {
@@ -109,13 +104,8 @@ pub enum ConfigError {
         vehicles: usize,
     },
     /// The vehicle is named without a team in a fleet, with one in a swarm, or with one that the fleet does not have.
-    #[error("vehicle {name} does not fly in {file}: in a fleet a vehicle is named with its team, 3/7, and only there")]
-    Team {
-        /// The name asked for.
-        name: VehicleName,
-        /// The scenario's file.
-        file: String,
-    },
+    #[error("vehicle {0} does not fly in {1}: in a fleet a vehicle is named with its team, 3/7, and only there")]
+    Team(VehicleName, String),
     /// The plant cannot fly the vehicle.
     #[error(transparent)]
     Plant(#[from] PlantError),
@@ -132,7 +122,7 @@ pub enum ConfigError {
 
 impl ConfigError {
     fn in_scenario(file: &str, source: impl Error + Send + Sync + 'static) -> Self {
-        Self::InScenario { file: file.to_owned(), source: Box::new(source) }
+        Self::InScenario(file.to_owned(), Box::new(source))
     }
 }
 
@@ -234,9 +224,8 @@ impl AgentOptions {
         let name = path.display().to_string();
         let id = full_name.vehicle;
         let whole = self.inputs.as_ref().map(|_| described.to_toml());
-        let Loaded { mut notes, mut scenario, .. } = described
-            .into_team(full_name.team)
-            .ok_or_else(|| ConfigError::Team { name: full_name, file: name.clone() })?;
+        let Loaded { mut notes, mut scenario, .. } =
+            described.into_team(full_name.team).ok_or_else(|| ConfigError::Team(full_name, name.clone()))?;
         check_live(&scenario).map_err(|source| ConfigError::in_scenario(&name, source))?;
         let vehicles = scenario.swarm.vehicles;
         let folder = path.parent().unwrap_or(Path::new(""));

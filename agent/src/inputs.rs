@@ -76,14 +76,9 @@ pub enum InputsError {
     /// The file ends before its first chunk.
     #[error("the file was cut off before its first step; nothing can be replayed")]
     Empty,
-    /// A chunk differs from its checksum.
-    #[error("bytes {from} to {to} do not match their checksum, so the file was changed or damaged there")]
-    Damaged {
-        /// First byte of the chunk.
-        from: usize,
-        /// End of the chunk.
-        to: usize,
-    },
+    /// A chunk, from its first byte to its end, differs from its checksum.
+    #[error("bytes {0} to {1} do not match their checksum, so the file was changed or damaged there")]
+    Damaged(usize, usize),
     /// A chunk has its checksum and cannot be decoded.
     #[error(
         "what begins at byte {0} cannot be decoded: another release of Skein flew, so replay the file with that one"
@@ -93,13 +88,8 @@ pub enum InputsError {
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
     /// The name of the vehicle is not one.
-    #[error("the vehicle of the file, {name:?}: {source}")]
-    Vehicle {
-        /// The name.
-        name: String,
-        /// The fault in it.
-        source: InvalidFleetVehicle,
-    },
+    #[error("the vehicle of the file, {0:?}: {1}")]
+    Vehicle(String, #[source] InvalidFleetVehicle),
     /// The vehicle is not in the scenario.
     #[error("vehicle {0} does not fly in the scenario of the file")]
     NotInScenario(VehicleName),
@@ -122,7 +112,7 @@ impl Flown {
     pub fn station(&self) -> Result<Station, InputsError> {
         let described = scenario::load_any(&Source { name: "scenario.toml", text: &self.scenario }, &[])?;
         let name: VehicleName =
-            self.vehicle.parse().map_err(|source| InputsError::Vehicle { name: self.vehicle.clone(), source })?;
+            self.vehicle.parse().map_err(|source| InputsError::Vehicle(self.vehicle.clone(), source))?;
         let swarm = described.into_team(name.team).ok_or(InputsError::NotInScenario(name))?;
         let scenario = swarm.scenario;
         scenario.vehicle(name.vehicle).ok_or(InputsError::NotInScenario(name))?;

@@ -12,7 +12,6 @@ mod inbox;
 mod outgoing;
 pub mod presence;
 mod publisher;
-mod publishing;
 mod queries;
 mod refusals;
 pub mod security;
@@ -89,11 +88,8 @@ const MAX_MESSAGE_BYTES: usize = 1 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// Zenoh rejects our configuration.
-    #[error("the network cannot be configured: {}", plain(source))]
-    Configuration {
-        /// Zenoh's error.
-        source: zenoh::Error,
-    },
+    #[error("the network cannot be configured: {}", plain(.0))]
+    Configuration(#[source] zenoh::Error),
     /// A text that is not an endpoint.
     #[error("{0:?} is not an endpoint; write it like tcp/127.0.0.1:7447")]
     Endpoint(String),
@@ -109,36 +105,22 @@ pub enum LinkError {
         /// Protocol that the endpoint must start with.
         expected: &'static str,
     },
-    /// A key or certificate file that cannot be used.
-    #[error("{}: {source}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// The fault found in it.
-        source: io::Error,
-    },
+    /// A key or certificate file that cannot be used, and the fault found in it.
+    #[error("{}: {}", .0.display(), .1)]
+    File(PathBuf, #[source] io::Error),
     /// A certificate name that is empty or used twice.
     #[error("the certificate name {0:?} must name exactly one of the vehicles, the observer and the operator")]
     Name(String),
     /// The node's own key differs from the key that the swarm has for this vehicle.
     #[error("this node's key is not the key that the swarm has for vehicle {0}")]
     Key(VehicleName),
-    /// A session cannot be opened, most often because the address is in use or belongs to another host.
-    #[error("cannot listen on {}: {}", listen.join(", "), plain(source))]
-    Open {
-        /// Endpoints to listen on.
-        listen: Vec<String>,
-        /// Zenoh's error.
-        source: zenoh::Error,
-    },
-    /// The session rejects a publisher, subscriber, queryable or token.
-    #[error("cannot declare {key}: {}", plain(source))]
-    Declare {
-        /// The Zenoh key expression.
-        key: String,
-        /// Zenoh's error.
-        source: zenoh::Error,
-    },
+    /// A session that listens on these endpoints cannot be opened, most often because the address is in use or belongs to another
+    /// host.
+    #[error("cannot listen on {}: {}", .0.join(", "), plain(.1))]
+    Open(Vec<String>, #[source] zenoh::Error),
+    /// The session rejects a publisher, subscriber, queryable or token with this key expression.
+    #[error("cannot declare {}: {}", .0, plain(.1))]
+    Declare(String, #[source] zenoh::Error),
     /// A sending thread cannot be started.
     #[error("a thread cannot be started: {0}")]
     Thread(io::Error),
@@ -147,7 +129,7 @@ pub enum LinkError {
 impl LinkError {
     /// Whether the cause is an argument or a file, not the network.
     pub fn is_user_error(&self) -> bool {
-        !matches!(self, Self::Configuration { .. } | Self::Open { .. } | Self::Declare { .. } | Self::Thread(_))
+        !matches!(self, Self::Configuration(_) | Self::Open(..) | Self::Declare(..) | Self::Thread(_))
     }
 }
 
@@ -158,9 +140,8 @@ pub(crate) fn open_zenoh(
     dial: &[String],
     more: &[(&str, Value)],
 ) -> Result<Session, LinkError> {
-    let configuration =
-        configuration(swarm, listen, dial, more).map_err(|source| LinkError::Configuration { source })?;
-    zenoh::open(configuration).wait().map_err(|source| LinkError::Open { listen: listen.to_vec(), source })
+    let configuration = configuration(swarm, listen, dial, more).map_err(LinkError::Configuration)?;
+    zenoh::open(configuration).wait().map_err(|source| LinkError::Open(listen.to_vec(), source))
 }
 
 fn configuration(
@@ -575,7 +556,7 @@ fn plain(error: &zenoh::Error) -> String {
 
 fn declaring(key: &str) -> impl FnOnce(zenoh::Error) -> LinkError {
     let key = key.to_owned();
-    move |source| LinkError::Declare { key, source }
+    move |source| LinkError::Declare(key, source)
 }
 
 #[cfg(test)]

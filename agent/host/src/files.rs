@@ -12,13 +12,8 @@ use skein_core::control::{FisError, Rules};
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
+    #[error("cannot read {}: {}", .0.display(), .1)]
+    Read(PathBuf, #[source] io::Error),
     /// The aircraft file is not valid.
     #[error(transparent)]
     Aircraft(#[from] AircraftError),
@@ -32,12 +27,12 @@ pub enum FileError {
 /// # Errors
 /// If the file cannot be read; the error names its path.
 pub fn read(path: &Path) -> Result<String, FileError> {
-    fs::read_to_string(path).map_err(|source| FileError::Read { path: path.to_owned(), source })
+    fs::read_to_string(path).map_err(|source| FileError::Read(path.to_owned(), source))
 }
 
 /// Reads a text file that another program may have written in UTF-8, UTF-16 or Latin-1, with or without a byte order mark.
 fn read_in_any_encoding(path: &Path) -> Result<String, FileError> {
-    let bytes = fs::read(path).map_err(|source| FileError::Read { path: path.to_owned(), source })?;
+    let bytes = fs::read(path).map_err(|source| FileError::Read(path.to_owned(), source))?;
     Ok(decoded(bytes))
 }
 

@@ -223,7 +223,7 @@ fn aircraft_and_rules_are_found_beside_the_scenario() {
         AgentOptions { sets: sets.iter().map(|set| (*set).to_owned()).collect(), ..by_scenario(&folder, 1) }.node()
     };
     of(&["swarm.aircraft=mine"]).unwrap();
-    assert!(matches!(of(&["swarm.aircraft=yours"]), Err(ConfigError::Named(FileError::Read { .. }))));
+    assert!(matches!(of(&["swarm.aircraft=yours"]), Err(ConfigError::Named(FileError::Read(..)))));
     let missing = of(&["control.rules=rules"]).unwrap_err().to_string();
     assert!(missing.contains("collective.fis"), "{missing}");
     fs::copy(shipped.join("collective.fis"), path("rules/collective.fis")).unwrap();

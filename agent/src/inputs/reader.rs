@@ -87,7 +87,7 @@ fn chunk_at(file: &[u8], begin: usize) -> Result<Option<(&[u8], usize)>, InputsE
     let Some(content) = rest.get(..u32::from_le_bytes(*length) as usize) else { return Ok(None) };
     let end = begin + length.len() + CHECKSUM + content.len();
     if checksum(content) != *expected {
-        return Err(InputsError::Damaged { from: begin, to: end });
+        return Err(InputsError::Damaged(begin, end));
     }
     Ok(Some((content, end)))
 }

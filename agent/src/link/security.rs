@@ -137,7 +137,7 @@ impl Security {
     /// If the file has no Ed25519 key, or not the key that the swarm has for this vehicle.
     pub fn signing_key(&self, own: VehicleName) -> Result<Option<SigningKey>, LinkError> {
         let Self::Tls(tls) = self else { return Ok(None) };
-        let fault = |source| LinkError::File { path: tls.key.clone(), source };
+        let fault = |source| LinkError::File(tls.key.clone(), source);
         let text = fs::read_to_string(&tls.key).map_err(fault)?;
         let signing_key =
             SigningKey::from_pem(&text).map_err(|error| fault(io::Error::new(io::ErrorKind::InvalidData, error)))?;

@@ -88,7 +88,7 @@ impl Sessions {
         let feed = listens(tunnel.feed_listens())?;
         // Before the session that dials, which waits half a second for peers that it cannot reach.
         let carried = tunnel.carry(listening.as_deref(), feed.as_deref());
-        carried.map_err(|source| LinkError::Open { listen: tunnel.endpoints(), source: source.into() })?;
+        carried.map_err(|source| LinkError::Open(tunnel.endpoints(), source.into()))?;
         let dial = &tunnel.zenoh_dials;
         let dialling = if dial.is_empty() && listening.is_some() { None } else { Some(Arc::new(open(&[], dial)?)) };
         Ok(Self { all: listening.into_iter().chain(dialling).collect(), feed, tunnel: Some(Arc::new(tunnel)) })

@@ -434,7 +434,7 @@ fn a_malformed_endpoint_is_refused() {
     assert!(matches!(refused("", "tcp"), LinkError::Endpoint(_)));
     let (_, _taken, locators) = hub("taken");
     let error = refused(&locators[0], "");
-    assert!(matches!(error, LinkError::Open { .. }));
+    assert!(matches!(error, LinkError::Open(..)));
     let error = error.to_string();
     assert!(error.contains(&locators[0]) && error.contains("in use") && !error.contains(".rs"), "{error}");
 }

@@ -126,7 +126,7 @@ impl Tunnel {
     /// If a key is not valid, or an address cannot be listened on.
     pub(super) fn open(listen: &[String], dial: &[String], tls: Option<&Tls>) -> Result<Self, LinkError> {
         let tls_context = tls.map(TlsContext::new).transpose()?;
-        let taken = |source: io::Error| LinkError::Open { listen: listen.to_vec(), source: source.into() };
+        let taken = |source: io::Error| LinkError::Open(listen.to_vec(), source.into());
         let bind = |endpoint: &String| {
             let listener = StdListener::bind(address(endpoint))?;
             listener.set_nonblocking(true)?;

@@ -52,11 +52,6 @@ pub enum PlantError {
     #[error(transparent)]
     Open(Box<dyn Error + Send + Sync>),
     /// The simulator's address cannot be resolved.
-    #[error("{text:?} is not the address HOST[:PORT] of a simulator: {source}")]
-    Address {
-        /// The text given.
-        text: String,
-        /// The system's error.
-        source: io::Error,
-    },
+    #[error("{0:?} is not the address HOST[:PORT] of a simulator: {1}")]
+    Address(String, #[source] io::Error),
 }

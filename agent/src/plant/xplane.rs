@@ -72,7 +72,7 @@ pub fn simulator(text: &str) -> Result<SocketAddr, PlantError> {
     } else {
         (text, wire::PORT).to_socket_addrs().map(Vec::from_iter)
     };
-    let address = |source| PlantError::Address { text: text.to_owned(), source };
+    let address = |source| PlantError::Address(text.to_owned(), source);
     let addresses = addresses.map_err(address)?;
     let first = addresses.iter().find(|address| address.is_ipv4()).or(addresses.first());
     first.copied().ok_or_else(|| address(io::ErrorKind::NotFound.into()))

@@ -47,10 +47,7 @@ impl TlsContext {
     pub(in crate::link) fn new(tls: &Tls) -> Result<Self, LinkError> {
         let fault = |path: &Path| {
             let path = path.to_owned();
-            move |error: tokio_rustls::rustls::Error| LinkError::File {
-                path,
-                source: io::Error::new(io::ErrorKind::InvalidData, error),
-            }
+            move |error: tokio_rustls::rustls::Error| LinkError::File(path, refused(error))
         };
         let mut roots = RootCertStore::empty();
         for authority in certificates(&tls.authority)? {
@@ -133,11 +130,11 @@ fn refused(why: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> io::Erro
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, LinkError> {
-    fs::read(path).map_err(|source| LinkError::File { path: path.to_owned(), source })
+    fs::read(path).map_err(|source| LinkError::File(path.to_owned(), source))
 }
 
 fn missing(path: &Path, what: &str) -> LinkError {
-    LinkError::File { path: path.to_owned(), source: refused(format!("no {what} in it")) }
+    LinkError::File(path.to_owned(), refused(format!("no {what} in it")))
 }
 
 fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, LinkError> {

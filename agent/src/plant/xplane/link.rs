@@ -27,13 +27,8 @@ const MAX_QUEUED: u32 = 1024;
 #[derive(Debug, thiserror::Error)]
 pub enum XPlaneLinkError {
     /// The socket for the simulator could not be opened.
-    #[error("cannot open a UDP socket on {listen}: {source}")]
-    Bind {
-        /// Local address to bind.
-        listen: IpAddr,
-        /// The system's error.
-        source: io::Error,
-    },
+    #[error("cannot open a UDP socket on {0}: {1}")]
+    Bind(IpAddr, #[source] io::Error),
     /// The socket for the beacon could not be opened, and the scenario gives no address.
     #[error("cannot listen for X-Plane's beacon: {0}; give the simulator's address instead")]
     Beacon(io::Error),
@@ -93,7 +88,7 @@ impl XPlane {
         client.inquire();
         Ok(Self {
             client,
-            port: port.map_err(|source| XPlaneLinkError::Bind { listen, source })?,
+            port: port.map_err(|source| XPlaneLinkError::Bind(listen, source))?,
             listen,
             simulator: address,
             search,

@@ -79,13 +79,13 @@ impl Standin {
         // to.
         let listen = if options.beacon { Ipv4Addr::UNSPECIFIED } else { Ipv4Addr::LOCALHOST };
         let wanted = SocketAddrV4::new(listen, udp_port(options)?).into();
-        let bind = |source| StandinError::Bind { address: wanted, source };
+        let bind = |source| StandinError::Bind(wanted, source);
         let port = UdpSocket::bind(wanted).and_then(Port::new).map_err(bind)?;
         // As much as the system allows: more requests fit while this thread does not run.
         let _ = port.options().set_recv_buffer_size(RECEIVE_BUFFER);
         let sending = || UdpSocket::bind((listen, 0)).and_then(Port::new).map_err(bind);
         let open =
-            |port| Web::open(port, &options.acf, options.incoming).map_err(|source| StandinError::Web { port, source });
+            |port| Web::open(port, &options.acf, options.incoming).map_err(|source| StandinError::Web(port, source));
         Ok(Self {
             simulator,
             web: web_port(options)?.map(open).transpose()?,

@@ -108,21 +108,11 @@ impl std::str::FromStr for WebPort {
 #[derive(Debug, thiserror::Error)]
 pub enum StandinError {
     /// The port is in use, most often by a simulator.
-    #[error("cannot listen on UDP {address}: {source}; another program may have this port: choose another with --port")]
-    Bind {
-        /// Address to listen on.
-        address: SocketAddr,
-        /// The system's error.
-        source: io::Error,
-    },
+    #[error("cannot listen on UDP {0}: {1}; another program may have this port: choose another with --port")]
+    Bind(SocketAddr, #[source] io::Error),
     /// The port of the Web API is in use.
-    #[error("cannot listen on TCP port {port}: {source}; choose another with --web, or --web off")]
-    Web {
-        /// Port to listen on.
-        port: u16,
-        /// The system's error.
-        source: io::Error,
-    },
+    #[error("cannot listen on TCP port {0}: {1}; choose another with --web, or --web off")]
+    Web(u16, #[source] io::Error),
     /// An option is outside its range.
     #[error("--{option} {value}: must be {rule}")]
     Option {
