@@ -179,7 +179,7 @@ impl Swarm {
             let clocks = Clocks::new(scenario, id);
             let mut client = Client::new(&origin, &aircraft.xplane, RATE_HZ, indices.expect("random numbers"));
             client.inquire();
-            client.set_up(&scenario.plant).expect("a path that fits");
+            client.set_up(None, &scenario.plant).expect("a path that fits");
             let options = options(scenario, &origin, id, start, cell);
             let alt_m = options.alt_m + ground_m;
             let options = StandinOptions { acf: acf.to_owned(), alt_m, ..options };

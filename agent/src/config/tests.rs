@@ -74,11 +74,11 @@ fn a_nodes_file_names_its_keys_and_all_vehicles() {
     assert_eq!(tls.key, folder.path().join("keys/node.key"));
     let known: Vec<_> =
         tls.vehicles.iter().map(|(id, known)| (id.vehicle.get(), known.name.as_str(), known.key)).collect();
-    assert_eq!(known, [(1, "vehicle-1", [1; 32].into()), (3, "vehicle-3.2", [2; 32].into())]);
+    assert_eq!(known, [(1, "vehicle-1", VerificationKey([1; 32])), (3, "vehicle-3.2", VerificationKey([2; 32]))]);
     assert_eq!((tls.observers.join(" ").as_str(), tls.operator.as_str()), ("observer observer-1", "operator.2"));
     let mut orders_key: [u8; 32] = std::array::from_fn(|nth| nth as u8);
     orders_key[31] = 255;
-    assert_eq!((node.orders_key, node.run), (Some(orders_key.into()), 7));
+    assert_eq!((node.orders_key, node.run), (Some(VerificationKey(orders_key)), 7));
     if cfg!(unix) {
         let note = node.notes.last().unwrap();
         assert!(note.contains("keys/node.key: other users can read this key; run chmod 600 "), "{note}");

@@ -43,13 +43,8 @@ pub struct Keeper {
     done: Receiver<()>,
 }
 
-/// The steps of about a second.
-#[derive(Debug)]
-struct Chunk {
-    content: Vec<u8>,
-    /// Whether something went wrong in it.
-    is_fault: bool,
-}
+/// The steps of about a second, and whether something went wrong in them.
+type Chunk = (Vec<u8>, bool);
 
 impl Recorder {
     /// Begins to keep the inputs of an agent; with `all` they are written from the start, whatever happens.
@@ -69,7 +64,7 @@ impl Recorder {
         let (chunks, queue) = mpsc::sync_channel::<Chunk>(QUEUE);
         let (finished, done) = mpsc::sync_channel(1);
         thread::Builder::new().name("inputs".to_owned()).spawn(move || {
-            for Chunk { content, is_fault } in queue {
+            for (content, is_fault) in queue {
                 if let Err(error) = kept.take(&content, is_fault) {
                     let path = kept.path.display();
                     tracing::warn!("the inputs are kept no longer: {path}: {error}; the flight is not affected");
@@ -107,7 +102,7 @@ impl Recorder {
     fn hand_over(&mut self) {
         let content = mem::take(&mut self.content);
         self.content.reserve(content.len());
-        let chunk = Chunk { content, is_fault: mem::take(&mut self.is_fault) };
+        let chunk = (content, mem::take(&mut self.is_fault));
         if self.chunks.as_ref().is_some_and(|chunks| chunks.try_send(chunk).is_err()) {
             self.chunks = None;
         }

@@ -105,7 +105,7 @@ impl Tls {
 impl Security {
     /// Checks the endpoints and the certificate names.
     pub(super) fn check(&self, listen: &[String], dial: &[String]) -> Result<(), LinkError> {
-        let expected = self.protocol();
+        let expected = if matches!(self, Self::Plain) { "tcp" } else { "tls" };
         for text in listen.iter().chain(dial) {
             let endpoint = EndPoint::from_str(text).map_err(|_| LinkError::Endpoint(text.clone()))?;
             if endpoint.protocol().as_str() != expected {
@@ -144,14 +144,6 @@ impl Security {
         match tls.vehicles.get(&own) {
             Some(known) if known.key == signing_key.key() => Ok(Some(signing_key)),
             _ => Err(LinkError::Key(own)),
-        }
-    }
-
-    /// Protocol at the start of every endpoint.
-    fn protocol(&self) -> &'static str {
-        match self {
-            Self::Plain => "tcp",
-            Self::Tls(_) => "tls",
         }
     }
 }

@@ -30,23 +30,12 @@ pub enum NotAKey {
 /// Public key that verifies one sender's signatures. As text it has 64 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct VerificationKey([u8; 32]);
+pub struct VerificationKey(pub [u8; 32]);
 
 impl VerificationKey {
-    /// The key's bytes.
-    pub fn to_bytes(self) -> [u8; 32] {
-        self.0
-    }
-
     /// Whether `signature` is the signature of these bytes with the matching private key. Takes about 100 µs.
     fn has_signed(&self, bytes: &[u8], signature: Signature) -> bool {
         UnparsedPublicKey::new(&ED25519, self.0).verify(bytes, &signature.to_bytes()).is_ok()
-    }
-}
-
-impl From<[u8; 32]> for VerificationKey {
-    fn from(key: [u8; 32]) -> Self {
-        Self(key)
     }
 }
 

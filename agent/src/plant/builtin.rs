@@ -10,7 +10,7 @@ use skein_core::plant::{Command, Frame, Plant, PlantDrops, PlantStatus, Wake};
 use skein_core::start::starts;
 use skein_host::clock::{now, sleep_until};
 
-use super::vehicle::{PlantError, PlantVehicle};
+use super::{PlantError, PlantVehicle};
 
 /// A vehicle that advances one tick of 20 ms at each deadline of a fixed grid.
 ///

@@ -23,7 +23,7 @@ use skein_common::scenario::StartPattern;
 use skein_core::helicopter::TICK_S;
 use skein_core::plant::Plant;
 
-use super::vehicle::{PlantError, PlantVehicle};
+use super::{PlantError, PlantVehicle};
 
 mod convert;
 mod socket;

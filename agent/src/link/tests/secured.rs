@@ -88,7 +88,7 @@ impl Authority {
             authority: file("authority.pem"),
             certificate: file(&format!("{name}.pem")),
             key: self.key_file(name),
-            orders: [0; 32].into(),
+            orders: signature::VerificationKey([0; 32]),
             vehicles: self.vehicles(),
             observers: ["observer", "observer-1"].map(str::to_owned).into(),
             operator: "operator".to_owned(),

@@ -118,7 +118,7 @@ impl TlsContext {
         let known = self.names.get(&name);
         let known = known.ok_or_else(|| refused(format!("the certificate name {name:?} is not known here")))?;
         // A replacement for a lost key has the same name.
-        if known.is_some_and(|(_, key)| *certified != key.to_bytes()) {
+        if known.is_some_and(|(_, key)| *certified != key.0) {
             return Err(refused(format!("the certificate {name:?} is for a key that is not known here")));
         }
         Ok(Peer { vehicle: known.map(|(id, _)| id), name })

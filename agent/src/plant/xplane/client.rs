@@ -110,7 +110,7 @@ pub struct Client {
     /// X-Plane's local frame.
     plane: Option<TangentPlane>,
     /// The newest position that has not yet made a frame, and its arrival time.
-    position: Option<(Position, Instant)>,
+    pub(super) position: Option<(Position, Instant)>,
     pub(super) last_position: Option<Instant>,
     last_subscribed: Option<Instant>,
     overrides_confirmed: Option<Instant>,
@@ -129,7 +129,7 @@ impl Client {
             profile: profile.clone(),
             senders: Senders::default(),
             clock: Clock::new(),
-            holder: Holder::new(indices.first().unsigned_abs()),
+            holder: Holder::new(indices.of(Reading::ALL[0]).unsigned_abs()),
             pilot: Pilot::default(),
             is_released: false,
             indices,
@@ -149,23 +149,20 @@ impl Client {
         }
     }
 
-    /// From now on places the aircraft, if it is on the ground elsewhere, before its flight.
-    pub fn start_at(&mut self, place: Placement) {
-        self.placing = Some(Placing::at(place));
-    }
-
     /// From now on asks the simulator, once after each of its starts, which datarefs of the profile it has, watches its random
     /// failures and its aircraft, and does not fly another aircraft than the profile is for.
     pub fn inquire(&mut self) {
         self.inquiry = Some(Inquiry::new(&self.profile));
     }
 
-    /// Takes over what the scenario's table `[plant]` says: whether random failures are wanted, which peers are drawn as the
+    /// Takes over what the scenario says: the aircraft is placed at `start` before its flight if it is on the ground elsewhere; and
+    /// from the table `[plant]` whether random failures are wanted, which peers are drawn as the
     /// simulator's other aircraft, and the deflection of the stick with which the pilot takes the controls.
     ///
     /// # Errors
     /// If the path of the aircraft file for peers does not fit into a message.
-    pub fn set_up(&mut self, plant: &VehicleModel) -> Result<(), WireError> {
+    pub fn set_up(&mut self, start: Option<Placement>, plant: &VehicleModel) -> Result<(), WireError> {
+        self.placing = start.map(Placing::at);
         if plant.random_failures {
             self.inquiry.iter_mut().for_each(|inquiry| inquiry.wants_failures = true);
         }
@@ -176,7 +173,7 @@ impl Client {
 
     /// Whether it draws peers.
     pub fn shows_peers(&self) -> bool {
-        self.traffic.is_on()
+        !self.traffic.aircraft.is_empty()
     }
 
     /// Draws the nearest of these peers, and no others.
@@ -229,11 +226,6 @@ impl Client {
     /// Nominal time between two frames, s.
     pub fn frame_period_s(&self) -> f64 {
         1.0 / f64::from(self.rate_hz)
-    }
-
-    /// Whether a position has been received that has not yet made a frame.
-    pub fn has_position(&self) -> bool {
-        self.position.is_some()
     }
 
     /// Asks for positions and values if that is due.

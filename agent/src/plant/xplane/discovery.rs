@@ -3,16 +3,20 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use skein_host::clock::now;
-use socket2::{Domain, Protocol, Socket, Type};
+use socket2::{Domain, Protocol, SockRef, Socket, Type};
 
 use super::socket::{Port, Received, is_this_host, own_address_towards};
+use super::wire::WireError;
 use super::wire::becn::{self, Beacon};
 
 /// Most X-Planes that are kept: anything on the network can send a beacon.
 const MOST: usize = 250;
+
+/// Time without a beacon before a warning: an X-Plane that loads scenery may miss two beacons.
+const TIMEOUT: Duration = Duration::from_secs(3);
 
 /// An X-Plane that was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -41,10 +45,9 @@ pub fn listen(time: Duration) -> io::Result<Vec<FoundSimulator>> {
 type Found = BTreeMap<(IpAddr, u16), FoundSimulator>;
 
 fn listen_on(socket: UdpSocket, time: Duration) -> io::Result<Found> {
-    let (mut port, until, mut found) = (Port::new(socket)?, now() + time, Found::new());
+    let (mut search, until, mut found) = (Search::on(socket)?, now() + time, Found::new());
     while now() < until {
-        if let Received::Datagram(size, from) = port.receive(Some(until))
-            && let Ok(beacon) = Beacon::decode(port.datagram(size))
+        if let Some((Ok(beacon), from)) = search.next(until)
             && beacon.is_master()
             && found.len() < MOST
         {
@@ -60,8 +63,76 @@ fn listen_on(socket: UdpSocket, time: Duration) -> io::Result<Found> {
     Ok(found)
 }
 
+/// Listens for beacons, above all for that of an X-Plane on this host.
+pub(super) struct Search {
+    port: Port,
+    since: Instant,
+    /// When the group was last joined on every interface.
+    joined: Instant,
+    is_reported: bool,
+}
+
+impl Search {
+    /// Begins to listen.
+    pub(super) fn new() -> io::Result<Self> {
+        Self::on(socket()?)
+    }
+
+    /// Listens on a socket that is already bound.
+    pub(super) fn on(socket: UdpSocket) -> io::Result<Self> {
+        let since = now();
+        Ok(Self { port: Port::new(socket)?, since, joined: since, is_reported: false })
+    }
+
+    /// The next datagram that arrives before the deadline, as a beacon, and its sender.
+    fn next(&mut self, deadline: Instant) -> Option<(Result<Beacon, WireError>, SocketAddr)> {
+        loop {
+            if let Received::Datagram(size, from) = self.port.receive(Some(deadline)) {
+                return Some((Beacon::decode(self.port.datagram(size)), from));
+            }
+            if now() >= deadline {
+                return None;
+            }
+        }
+    }
+
+    /// Port of the first master X-Plane on this host whose beacon arrives before the deadline. Beacons of other hosts
+    /// are ignored, because their aircraft are not ours to fly.
+    pub(super) fn find(&mut self, deadline: Instant, malformed: &mut u64) -> Option<u16> {
+        while let Some((beacon, from)) = self.next(deadline) {
+            match beacon {
+                _ if !is_this_host(from.ip()) => {}
+                Ok(beacon) if beacon.is_master() => {
+                    tracing::info!(computer = beacon.name, version = beacon.version, "found X-Plane");
+                    return Some(beacon.port);
+                }
+                Ok(_) => {}
+                Err(_) => *malformed += 1,
+            }
+            if now() >= deadline {
+                break;
+            }
+        }
+        if now() >= self.joined + TIMEOUT {
+            self.joined = now();
+            // Includes the interfaces that came up since then: an agent may start before its computer's network. The socket is
+            // open, so that it has joined at least one interface before.
+            let _ = join(&SockRef::from(&self.port.socket));
+        }
+        if !self.is_reported && now() >= self.since + TIMEOUT {
+            self.is_reported = true;
+            tracing::warn!(
+                "no beacon from an X-Plane on this computer for {} s, still listening: is X-Plane running? You can \
+                 also give its address",
+                TIMEOUT.as_secs()
+            );
+        }
+        None
+    }
+}
+
 /// A socket that receives the beacons; other programs on this host can receive them too.
-pub(super) fn socket() -> io::Result<UdpSocket> {
+fn socket() -> io::Result<UdpSocket> {
     let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
     socket.set_reuse_address(true)?;
     #[cfg(unix)]
@@ -76,7 +147,7 @@ pub(super) fn socket() -> io::Result<UdpSocket> {
 ///
 /// # Errors
 /// If the group can be joined on no interface.
-pub(super) fn join(socket: &Socket) -> io::Result<()> {
+fn join(socket: &Socket) -> io::Result<()> {
     let group = Ipv4Addr::from(becn::GROUP);
     // The default interface and the loopback need no list of interfaces.
     let known = [Ipv4Addr::UNSPECIFIED, Ipv4Addr::LOCALHOST].into_iter();

@@ -1,8 +1,6 @@
 //! X-Plane as a [`Plant`]: a [`Client`] behind one unconnected UDP socket on the control thread. While positions make no
 //! frames, [`Plant::wait`] ends at its deadline.
 
-mod beacon;
-
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
@@ -13,10 +11,10 @@ use skein_common::scenario::VehicleModel;
 use skein_host::clock::now;
 
 use super::client::{Client, Counters, Indices};
+use super::discovery::Search;
 use super::socket::{Port, Received};
 use super::wire::prel::Placement;
 use super::wire::{PORT, WireError};
-use beacon::Search;
 use skein_core::aircraft::Profile;
 use skein_core::plant::{Command, Frame, PeerPose, Plant, PlantDrops, Wake};
 
@@ -97,19 +95,12 @@ impl XPlane {
         })
     }
 
-    /// Takes over what the scenario says: the aircraft is placed at `start` before its flight if it is on the ground elsewhere,
-    /// and the table `[plant]` ([`Client::set_up`]).
+    /// Takes over what the scenario says ([`Client::set_up`]).
     ///
     /// # Errors
     /// If the path of the aircraft file for peers does not fit into a message.
     pub fn set_up(&mut self, start: Option<Placement>, plant: &VehicleModel) -> Result<(), XPlaneLinkError> {
-        start.into_iter().for_each(|place| self.client.start_at(place));
-        self.client.set_up(plant).map_err(XPlaneLinkError::PeerAircraft)
-    }
-
-    /// Address of the simulator, once known.
-    pub fn simulator(&self) -> Option<SocketAddr> {
-        self.simulator
+        self.client.set_up(start, plant).map_err(XPlaneLinkError::PeerAircraft)
     }
 
     /// Counts so far.
@@ -134,7 +125,7 @@ impl XPlane {
     fn read(&mut self, simulator: IpAddr, deadline: Instant) {
         let mut may_take = MAX_QUEUED;
         while may_take > 0 {
-            let at_once = self.client.has_position() || now() >= deadline;
+            let at_once = self.client.position.is_some() || now() >= deadline;
             match self.port.receive((!at_once).then_some(deadline)) {
                 Received::Datagram(size, from) => {
                     self.client.receive(self.port.datagram(size), from, simulator, now());

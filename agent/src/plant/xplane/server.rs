@@ -11,7 +11,6 @@
 
 mod air;
 mod clients;
-mod commands;
 mod datarefs;
 mod motion;
 mod output;
@@ -22,6 +21,7 @@ mod web;
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 
+use super::convert;
 use super::wire::aircraft::{ACFN, Load, Move, VEHS, VEHX};
 use super::wire::becn::{self, Beacon};
 use super::wire::dref::{self, Write};
@@ -29,7 +29,6 @@ use super::wire::operation::{self, Command};
 use super::wire::prel::{self, Placement};
 use super::wire::{self, WireError, radr, rows, rpos, rref};
 use clients::Clients;
-pub use commands::{Action, COMMANDS, CommandEntry};
 pub use datarefs::{DATAREFS, DEFAULT_ACF, Dataref, Surroundings, ValueType};
 use datarefs::{Handle, Others, Situation, reference_below};
 use motion::Motion;
@@ -90,6 +89,46 @@ pub enum Order {
     /// End, and start again after this many seconds.
     Restart(f32),
 }
+
+/// The effect of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Pauses a running simulation, resumes a paused one.
+    PauseToggle,
+    /// Pauses.
+    Pause,
+    /// Resumes.
+    Resume,
+    /// Puts the aircraft back to its start and gives the controls back.
+    Reset,
+}
+
+/// A command of the simulator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CommandEntry {
+    /// Its name.
+    pub path: &'static str,
+    /// The description that X-Plane shows.
+    pub description: &'static str,
+    /// Its effect.
+    pub action: Action,
+}
+
+const fn command(path: &'static str, description: &'static str, action: Action) -> CommandEntry {
+    CommandEntry { path, description, action }
+}
+
+/// All commands that do something.
+pub static COMMANDS: &[CommandEntry] = &[
+    command("sim/operation/pause_toggle", "Pause or resume the simulation.", Action::PauseToggle),
+    command("sim/operation/pause_on", "Pause the simulation.", Action::Pause),
+    command("sim/operation/pause_off", "Resume the simulation.", Action::Resume),
+    command("sim/operation/reset_flight", "Reset the flight to its most recent start.", Action::Reset),
+    command("sim/operation/reset_to_runway", "Reset the flight to the nearest runway.", Action::Reset),
+    command("sim/operation/go_to_default", "Reset the flight to the nearest airport.", Action::Reset),
+    command("sim/operation/reload_aircraft", "Reload the aircraft and its art.", Action::Reset),
+    command("sim/operation/reload_aircraft_no_art", "Reload the aircraft without its art.", Action::Reset),
+];
 
 /// Function of an axis of the pilot's stick that moves the collective.
 const COLLECTIVE_FUNCTION: usize = 5;
@@ -385,15 +424,25 @@ impl Server {
             self.reference = None;
         }
         let reference = self.reference.get_or_insert_with(|| reference_below(&frame.measurement.position));
-        let mut situation = Situation::new(frame, reference, &self.surroundings, self.version.internal());
-        situation.is_paused = self.is_paused;
-        situation.others = self.others;
-        situation.running_s = self.running_s;
-        situation.frame_period_s = frame_s;
-        situation.speed = simulated_s / frame_s;
+        let local = reference.ned_from_geodetic(&frame.measurement.position);
         let motion = self.motion.take().unwrap_or_else(|| Motion::begin(frame)).after(frame);
-        situation.specific_force_g = motion.specific_force_g;
         self.motion = Some(motion);
+        let situation = Situation {
+            position: convert::position(&frame.measurement, reference),
+            true_attitude: frame.measurement.attitude,
+            rotor_speed_rad_s: frame.measurement.rotor_speed_rad_s.unwrap_or(0.0),
+            specific_force_g: motion.specific_force_g,
+            local_m: [local.y, -local.z, -local.x],
+            reference: reference.geodetic(),
+            running_s: self.running_s,
+            flight_s: frame.time.seconds(),
+            frame_period_s: frame_s,
+            speed: simulated_s / frame_s,
+            version: self.version.internal(),
+            is_paused: self.is_paused,
+            surroundings: self.surroundings.clone(),
+            others: self.others,
+        };
         for client in &mut self.clients.all {
             self.pairs.clear();
             for value in &mut client.values {

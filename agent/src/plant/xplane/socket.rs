@@ -6,8 +6,6 @@ use std::time::{Duration, Instant};
 
 use skein_host::clock::{now, sleep};
 
-use socket2::SockRef;
-
 use super::wire::MAX_DATAGRAM;
 
 /// Pause after an error that may last, so that it does not make the thread spin.
@@ -49,7 +47,7 @@ pub(super) enum Received {
 
 /// A bound, unconnected socket with its buffer.
 pub(super) struct Port {
-    socket: UdpSocket,
+    pub(super) socket: UdpSocket,
     is_blocking: bool,
     buffer: Box<[u8; MAX_DATAGRAM]>,
     /// Number of errors so far, sending and receiving.
@@ -60,15 +58,6 @@ impl Port {
     pub(super) fn new(socket: UdpSocket) -> io::Result<Self> {
         socket.set_nonblocking(false)?;
         Ok(Self { socket, is_blocking: true, buffer: Box::new([0; MAX_DATAGRAM]), faults: 0 })
-    }
-
-    pub(super) fn local_addr(&self) -> io::Result<SocketAddr> {
-        self.socket.local_addr()
-    }
-
-    /// The socket, for its options.
-    pub(super) fn options(&self) -> SockRef<'_> {
-        SockRef::from(&self.socket)
     }
 
     /// The last received datagram, of this many bytes.
@@ -153,7 +142,7 @@ mod tests {
             assert!(!matches!(received, Received::Datagram(..)));
         }
         let friend = UdpSocket::bind(local).unwrap();
-        friend.send_to(b"here", port.local_addr().unwrap()).unwrap();
+        friend.send_to(b"here", port.socket.local_addr().unwrap()).unwrap();
         let mut attempts = (0..10).map(|_| port.receive(Some(now() + Duration::from_secs(1))));
         assert!(attempts.any(|received| matches!(received, Received::Datagram(4, _))));
     }
@@ -169,7 +158,7 @@ mod tests {
         }
         assert!(now() < begin + Duration::from_secs(1), "a thousand resets cause no pause");
         assert_eq!(port.faults, 1000);
-        friend.send_to(b"here", port.local_addr().unwrap()).unwrap();
+        friend.send_to(b"here", port.socket.local_addr().unwrap()).unwrap();
         assert!(matches!(port.receive(Some(now() + Duration::from_secs(1))), Received::Datagram(4, _)));
     }
 

@@ -82,7 +82,7 @@ impl Standin {
         let bind = |source| StandinError::Bind(wanted, source);
         let port = UdpSocket::bind(wanted).and_then(Port::new).map_err(bind)?;
         // As much as the system allows: more requests fit while this thread does not run.
-        let _ = port.options().set_recv_buffer_size(RECEIVE_BUFFER);
+        let _ = SockRef::from(&port.socket).set_recv_buffer_size(RECEIVE_BUFFER);
         let sending = || UdpSocket::bind((listen, 0)).and_then(Port::new).map_err(bind);
         let open =
             |port| Web::open(port, &options.acf, options.incoming).map_err(|source| StandinError::Web(port, source));
@@ -91,7 +91,7 @@ impl Standin {
             web: web_port(options)?.map(open).transpose()?,
             options: options.clone(),
             split: if options.split_ports { Some([sending()?, sending()?]) } else { None },
-            address: (Ipv4Addr::LOCALHOST, port.local_addr().map_err(bind)?.port()).into(),
+            address: (Ipv4Addr::LOCALHOST, port.socket.local_addr().map_err(bind)?.port()).into(),
             port,
             waiting: VecDeque::new(),
             beacons: if options.beacon { beacon_sockets() } else { Vec::new() },

@@ -8,6 +8,7 @@ use rcgen::{
     KeyUsagePurpose, PublicKeyData,
 };
 use skein_agent::link::security::PeerIdentity;
+use skein_agent::link::signature::VerificationKey;
 use time::{Duration, OffsetDateTime};
 use x509_parser::certificate::X509Certificate;
 use x509_parser::extensions::GeneralName;
@@ -182,7 +183,7 @@ pub(crate) fn shows(certificate: &str) -> Option<PeerIdentity> {
     let pem = pem(certificate)?;
     let shown = pem.parse_x509().ok()?;
     let key: [u8; 32] = shown.public_key().subject_public_key.data.as_ref().try_into().ok()?;
-    Some(PeerIdentity { name: common_name(&shown)?.to_owned(), key: key.into() })
+    Some(PeerIdentity { name: common_name(&shown)?.to_owned(), key: VerificationKey(key) })
 }
 
 /// Returns why this certificate is invalid or has to be replaced soon, if so: it must be signed by this authority,

@@ -16,8 +16,8 @@ use rustls_pki_types::CertificateDer;
 use rustls_pki_types::pem::PemObject;
 use serde_json::json;
 use skein_agent::link::security::{PeerIdentity, Tls};
-use skein_agent::link::signature::SigningKey;
 use skein_agent::link::signature::messages::{ADDED_BYTES, KeyRing};
+use skein_agent::link::signature::{SigningKey, VerificationKey};
 use skein_agent::link::{Security, Sessions};
 use skein_cluster::inventory::Inventory;
 use skein_cluster::keys::Role;
@@ -201,7 +201,7 @@ fn open(who: &str) -> Sessions {
                     authority,
                     certificate,
                     key,
-                    orders: [0; 32].into(),
+                    orders: VerificationKey([0; 32]),
                     vehicles,
                     observers,
                     operator,

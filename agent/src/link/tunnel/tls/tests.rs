@@ -31,12 +31,12 @@ impl Swarm {
             path
         };
         let public_key = of_second.public_key_raw().first_chunk::<32>().copied().unwrap();
-        let second = PeerIdentity { name: "vehicle-2".to_owned(), key: public_key.into() };
+        let second = PeerIdentity { name: "vehicle-2".to_owned(), key: VerificationKey(public_key) };
         let tls = Tls {
             authority: file("authority.pem", &own.pem()),
             certificate: file("own.pem", &signed(&issuer, &of_first, name(&["vehicle-1"])).1),
             key: file("own.key", &of_first.serialize_pem()),
-            orders: public_key.into(),
+            orders: VerificationKey(public_key),
             vehicles: BTreeMap::from([(VehicleName::from(VehicleId::new(2).unwrap()), second)]),
             observers: vec!["observer".to_owned()],
             operator: "operator".to_owned(),

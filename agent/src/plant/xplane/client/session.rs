@@ -154,11 +154,6 @@ impl Indices {
         (nth < MAX_QUESTIONS).then_some(nth)
     }
 
-    /// A number that no other program knows.
-    pub(super) fn first(&self) -> i32 {
-        self.values[0]
-    }
-
     pub(super) fn of(&self, value: Reading) -> i32 {
         self.values[value as usize]
     }

@@ -155,7 +155,7 @@ fn an_aircraft_elsewhere_on_the_ground_is_placed_and_one_in_the_air_is_not() {
         speed_m_s: 0.0,
     };
     let mut bench = Bench::new(&[1]);
-    bench.clients[0].start_at(placement);
+    bench.clients[0].placing = Some(Placing::at(placement));
     bench.run(0.5);
     assert!(away(&mut bench, start) < 1.0, "{}", away(&mut bench, start));
     bench.run(0.5);
@@ -166,7 +166,7 @@ fn an_aircraft_elsewhere_on_the_ground_is_placed_and_one_in_the_air_is_not() {
     while bench.simulator.truth().measurement.height_m < 10.0 {
         bench.run(0.1);
     }
-    bench.clients[0].start_at(placement);
+    bench.clients[0].placing = Some(Placing::at(placement));
     bench.run(0.5);
     assert!(away(&mut bench, start) > 50.0 && bench.standstill(0).is_none());
 }

@@ -25,7 +25,7 @@ const LOAD_PERIOD: Duration = Duration::from_secs(1);
 
 /// One of the simulator's other aircraft.
 #[derive(Clone, Copy, Debug, Default)]
-struct ShownAircraft {
+pub(super) struct ShownAircraft {
     /// The peer that it shows.
     peer: Option<VehicleId>,
     /// Whether its file has been loaded.
@@ -37,7 +37,7 @@ struct ShownAircraft {
 /// The simulator's other aircraft that show peers; the first is number 1.
 #[derive(Debug, Default)]
 pub(super) struct PeerTraffic {
-    aircraft: Vec<ShownAircraft>,
+    pub(super) aircraft: Vec<ShownAircraft>,
     /// Path of the file that is loaded for each.
     acf: Option<String>,
     last_load: Option<Instant>,
@@ -54,11 +54,6 @@ impl PeerTraffic {
         }
         let aircraft = vec![ShownAircraft::default(); most.min(AIRCRAFT)];
         Ok(Self { aircraft, acf: acf.map(str::to_owned), last_load: None })
-    }
-
-    /// Whether it shows any.
-    pub(super) fn is_on(&self) -> bool {
-        !self.aircraft.is_empty()
     }
 
     /// The simulator has been restarted, so it has not loaded any of the files yet.

@@ -89,7 +89,7 @@ impl Scripted {
     }
 
     fn send(&self, link: &XPlane, datagram: &[u8]) {
-        self.socket.send_to(datagram, link.port.local_addr().unwrap()).unwrap();
+        self.socket.send_to(datagram, link.port.socket.local_addr().unwrap()).unwrap();
     }
 
     fn send_position(&self, link: &XPlane, position: Position) {
@@ -481,7 +481,7 @@ mod live {
         let live = Live::start(0);
         let mut link = link_to(live.address, LOCAL);
         next_frame(&mut link);
-        let to = link.port.local_addr().unwrap();
+        let to = link.port.socket.local_addr().unwrap();
         let stop = AtomicBool::new(false);
         thread::scope(|scope| {
             scope.spawn(|| {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::air::{Air, FEET_PER_M, Flow};
 use super::settings::{AIRCRAFT, ENGINES, Setting, Settings};
-use crate::plant::xplane::convert::{self, rpm_from_rad_s};
+use crate::plant::xplane::convert::rpm_from_rad_s;
 use crate::plant::xplane::wire::aircraft::Move;
 use crate::plant::xplane::wire::rpos::Position;
 use serde::Serialize;
@@ -12,7 +12,6 @@ use skein_common::frame::{Attitude, Geodetic, TangentPlane};
 use skein_common::math;
 use skein_core::aircraft::name_and_element;
 use skein_core::helicopter::Weather;
-use skein_core::plant::Frame;
 
 /// Number of layers of wind in X-Plane 12; X-Plane 11 has three.
 const LAYERS: usize = 13;
@@ -90,26 +89,6 @@ impl Situation {
     /// How the aircraft moves over the ground and through the air.
     pub(super) fn flow(&self) -> Flow {
         Flow::of(&self.position, self.surroundings.wind_m_s(), self.air())
-    }
-
-    pub(super) fn new(frame: &Frame, reference: &TangentPlane, surroundings: &Surroundings, version: i32) -> Self {
-        let local = reference.ned_from_geodetic(&frame.measurement.position);
-        Self {
-            local_m: [local.y, -local.z, -local.x],
-            reference: reference.geodetic(),
-            surroundings: surroundings.clone(),
-            position: convert::position(&frame.measurement, reference),
-            true_attitude: frame.measurement.attitude,
-            rotor_speed_rad_s: frame.measurement.rotor_speed_rad_s.unwrap_or(0.0),
-            specific_force_g: [0.0, 0.0, -1.0],
-            flight_s: frame.time.seconds(),
-            running_s: 0.0,
-            frame_period_s: 0.0,
-            speed: 1.0,
-            version,
-            is_paused: false,
-            others: Others::default(),
-        }
     }
 
     /// A number of the aircraft `number`, 0 if no client has moved it.

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use skein_common::frame::{Attitude, Origin, PositionNed, wrap_rad};
-use skein_core::helicopter::{BuiltInVehicle, TICK_S, Weather};
+use skein_core::helicopter::{BuiltInVehicle, TICK_S};
 use skein_core::plant::{Controls, Frame};
 
 /// How far back a replay reaches, s.
@@ -13,7 +13,7 @@ const NEGLIGIBLE_TICKS: f64 = 1e-9;
 
 /// The helicopter, what is left to simulate of the last frame, and the last ten seconds.
 pub(super) struct Aircraft {
-    vehicle: BuiltInVehicle,
+    pub(super) vehicle: BuiltInVehicle,
     /// Simulated time beyond the vehicle's last tick, in ticks, below one.
     rest: f64,
     past: VecDeque<Frame>,
@@ -40,11 +40,6 @@ impl Aircraft {
         while self.past.front().is_some_and(|oldest| oldest.time.seconds() < newest.time.seconds() - REPLAY_S) {
             self.past.pop_front();
         }
-    }
-
-    /// From now on this weather prevails.
-    pub(super) fn set_weather(&mut self, weather: &Weather) {
-        self.vehicle.set_weather(weather);
     }
 
     /// The state now. Between two ticks the helicopter moves and turns at its last rates: X-Plane simulates every frame,

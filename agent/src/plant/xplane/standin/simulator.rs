@@ -141,12 +141,12 @@ impl Simulator {
                 self.held = Some((moved, self.held.map_or(0.0, |(_, held_s)| held_s)));
             }
             Some(Order::Move(moved)) => self.put_down(&moved),
-            Some(Order::Reset) => self.reset(),
+            Some(Order::Reset) => self.begin_at(self.start),
             Some(Order::Freeze(seconds)) => self.state = (RunState::Frozen, seconds.into()),
             Some(Order::Restart(seconds)) => {
                 self.starts += 1;
                 self.server = server(&self.options, &self.weather);
-                self.reset();
+                self.begin_at(self.start);
                 self.state = (RunState::Gone, seconds.into());
                 return false;
             }
@@ -159,7 +159,7 @@ impl Simulator {
     pub fn end_frame(&mut self, frame_s: f64, mut send: impl FnMut(SocketAddr, &[u8])) {
         if let Some(weather) = self.server.take_weather() {
             self.weather = weather;
-            self.aircraft.set_weather(&weather);
+            self.aircraft.vehicle.set_weather(&weather);
         }
         let controls = self.server.take_controls();
         let simulated_s = self.server.simulated_s(frame_s);
@@ -185,10 +185,6 @@ impl Simulator {
     fn is_lost(&mut self) -> bool {
         let share = self.server.drop_share();
         share > 0.0 && uniform(&mut self.random) < share
-    }
-
-    fn reset(&mut self) {
-        self.begin_at(self.start);
     }
 
     fn place(&mut self, placement: &Placement) {

@@ -7,12 +7,11 @@
 //! has no airports and no other aircraft. As one version of X-Plane does, it refuses whole numbers where a number with
 //! decimals belongs. While the simulator is gone, requests are answered with 503.
 
-mod active;
 mod flight;
 mod rest;
 mod socket;
-mod values;
 
+use std::collections::BTreeMap;
 use std::hash::{BuildHasher, RandomState};
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
@@ -28,9 +27,9 @@ use hyper_util::service::TowerToHyperService;
 use parking_lot::Mutex;
 use serde_json::{Value as Json, json};
 use tokio::sync::{Semaphore, mpsc, oneshot};
+use tokio::time::Instant;
 
 use crate::plant::xplane::server::{COMMANDS, DATAREFS, Dataref, Task};
-use active::Active;
 
 /// Largest number of connections, and of WebSockets beside them.
 const MAX_CONNECTIONS: usize = 32;
@@ -42,6 +41,9 @@ const HEADERS_WITHIN: Duration = Duration::from_secs(30);
 pub(super) const REQUEST_WITHIN: Duration = Duration::from_secs(30);
 /// Largest body of a request and largest message of a WebSocket, bytes.
 pub(super) const MAX_BODY: usize = 256 * 1024;
+
+/// Number of engines of X-Plane 12, the only version with a Web API.
+const ENGINES: usize = 16;
 
 /// A task and where its result goes.
 struct Request {
@@ -137,6 +139,75 @@ fn nth(id: &str, first: u64) -> Option<usize> {
 /// First number of the datarefs of one start of the simulator: no client can guess it.
 fn first_id(start: u64) -> u64 {
     1_000_000 + RandomState::new().hash_one(start) % (1 << 40)
+}
+
+/// Checks an index against a dataref; `what` names the dataref in the message.
+fn check_index(dataref: &Dataref, index: Option<u64>, what: &str) -> Result<Option<usize>, Fault> {
+    let Some(index) = index else { return Ok(None) };
+    if !dataref.is_array() {
+        let message = format!("An index was provided for {what} but the dataref is not an array");
+        return Err(Fault::bad("not_an_array", message));
+    }
+    let at = usize::try_from(index).ok().filter(|&at| at < dataref.elements(ENGINES));
+    at.map(Some).ok_or_else(|| Fault::bad("index_out_of_range", format!("{what} array index out of range")))
+}
+
+/// The elements that a client wants to write, with their values.
+fn elements(dataref: &Dataref, index: Option<usize>, data: &Json) -> Result<Vec<(usize, f64)>, Fault> {
+    let unfit = || {
+        Fault::bad("incompatible_data", "Provided data is too much or not enough to set all elements of the dataref")
+    };
+    if !dataref.is_writable() {
+        let message = "Attempted to write to a read-only dataref";
+        return Err(Fault::new(StatusCode::FORBIDDEN, "dataref_is_readonly", message));
+    }
+    match (data, index) {
+        (Json::Array(values), None) if values.len() == dataref.elements(ENGINES) && dataref.is_array() => {
+            values.iter().enumerate().map(|(at, value)| Ok((at, value.as_f64().ok_or_else(unfit)?))).collect()
+        }
+        (Json::Number(value), None) if !dataref.is_array() => Ok(vec![(0, value.as_f64().ok_or_else(unfit)?)]),
+        (Json::Number(value), Some(at)) => Ok(vec![(at, value.as_f64().ok_or_else(unfit)?)]),
+        _ => Err(unfit()),
+    }
+}
+
+/// Commands that are held down. A connection is a number; 0 are the requests without a WebSocket.
+#[derive(Debug, Default)]
+struct Active {
+    held: BTreeMap<(u64, usize), Option<Instant>>,
+    connections: u64,
+}
+
+impl Active {
+    /// Number of a new connection.
+    fn connect(&mut self) -> u64 {
+        self.connections += 1;
+        self.connections
+    }
+
+    /// Holds a command down until then, or until it is released; returns whether nothing held it before.
+    fn hold(&mut self, connection: u64, command: usize, until: Option<Instant>) -> bool {
+        let was_held = self.is_held(command);
+        self.held.insert((connection, command), until);
+        !was_held
+    }
+
+    /// Releases a command.
+    fn release(&mut self, connection: u64, command: usize) {
+        self.held.remove(&(connection, command));
+    }
+
+    /// Releases all commands of a connection that has ended.
+    fn disconnect(&mut self, connection: u64) {
+        self.held.retain(|(holder, _), _| *holder != connection);
+    }
+
+    /// Whether anything holds the command down.
+    fn is_held(&mut self, command: usize) -> bool {
+        let now = Instant::now();
+        self.held.retain(|_, until| until.is_none_or(|until| until > now));
+        self.held.keys().any(|(_, held)| *held == command)
+    }
 }
 
 /// The frame loop's end.

@@ -36,7 +36,7 @@ fn is_spoofed(frame: &Frame) -> bool {
 
 /// Runs `fly` while these positions are sent to the link a thousand times a second from another port.
 fn under_attack<T>(link: &mut XPlane, positions: &[Position], fly: impl FnOnce(&mut XPlane) -> T) -> T {
-    let to = link.port.local_addr().unwrap();
+    let to = link.port.socket.local_addr().unwrap();
     let datagrams: Vec<_> = positions.iter().map(encoded).collect();
     let stop = AtomicBool::new(false);
     thread::scope(|scope| {
@@ -62,7 +62,7 @@ fn split() -> Live {
 #[test]
 fn another_address_and_another_port_are_not_the_simulator() {
     let (simulator, mut link) = Scripted::silent();
-    let to = link.port.local_addr().unwrap();
+    let to = link.port.socket.local_addr().unwrap();
     let other_port = UdpSocket::bind((LOCAL, 0)).unwrap();
     other_port.send_to(&encoded(&at_height(1.0)), to).unwrap();
     assert_eq!(link.wait(SOON).frame, None, "the simulator has sent nothing yet");
@@ -85,7 +85,7 @@ fn another_address_and_another_port_are_not_the_simulator() {
 #[test]
 fn values_with_guessed_indices_are_dropped() {
     let (simulator, mut link) = Scripted::new();
-    let to = link.port.local_addr().unwrap();
+    let to = link.port.socket.local_addr().unwrap();
     let spoofer = UdpSocket::bind((LOCAL, 0)).unwrap();
     let mut datagram = Vec::new();
     for first in 0..100 {

@@ -146,8 +146,9 @@ fn the_radar_has_one_client_and_the_layout_of_the_version() {
 
 #[test]
 fn the_rows_and_datarefs_of_public_clients_have_values() {
-    let reference = reference_below(&flying().measurement.position);
-    let situation = Situation::new(&flying(), &reference, &Surroundings::default(), Version::V12.internal());
+    let mut server = Server::new(Version::V12, RATE_HZ, Surroundings::default());
+    server.publish(&flying(), 0.02, |_, _| {});
+    let situation = server.situation.unwrap();
     let settings = Settings::new();
     for path in [
         "sim/flightmodel/position/true_airspeed",

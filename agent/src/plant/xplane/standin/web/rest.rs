@@ -12,8 +12,7 @@ use axum::{Json, Router};
 use serde_json::{Value as Js, json};
 use tokio::time::{Duration, Instant, timeout};
 
-use super::values::{check_index, elements};
-use super::{Fault, MAX_BODY, REQUEST_WITHIN, WebState, flight, socket};
+use super::{Fault, MAX_BODY, REQUEST_WITHIN, WebState, check_index, elements, flight, socket};
 use crate::plant::xplane::server::{COMMANDS, DATAREFS, Dataref, Task, Version};
 
 type Api = State<Arc<WebState>>;

@@ -7,8 +7,7 @@ use axum::extract::ws::{Message, WebSocket};
 use serde_json::{Map, Value as Json, json};
 use tokio::time::{Duration, Instant, MissedTickBehavior, interval, timeout};
 
-use super::values::{check_index, elements};
-use super::{Fault, WebState};
+use super::{Fault, WebState, check_index, elements};
 use crate::plant::xplane::server::{COMMANDS, Dataref, Elements, Task};
 
 /// Time between two updates, and longest time that a slow client may take to receive one.
