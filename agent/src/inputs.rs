@@ -27,7 +27,7 @@ use skein_core::formation::UnsupportedScenario;
 use skein_core::station::{Clocks, Station};
 
 pub use reader::{InputsReader, RecordedStep};
-pub use recorder::{Keeper, Recorder};
+pub use recorder::{FINISH_TIMEOUT, Recorder};
 
 /// Ending of the name of a file of inputs.
 pub const EXTENSION: &str = "inputs";

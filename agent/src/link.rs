@@ -33,7 +33,7 @@ use serde_json::{Value, json};
 use skein_common::id::{SwarmName, VehicleId, VehicleName};
 use skein_common::message::{Drops, Heartbeat, Message, Order, Reason, Traffic};
 use skein_common::time::LocalTime;
-use skein_common::topic::{Author, Branch, Cell, Topic, all};
+use skein_common::topic::{Author, Branch, Topic, all};
 use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
@@ -239,7 +239,6 @@ impl Link {
         let mut network = ZenohNetwork {
             receiver: receiver.clone(),
             sessions: sessions.clone(),
-            clock,
             cells: SubscribedCells::default(),
             mission,
             _queryables: queryables,
@@ -249,7 +248,7 @@ impl Link {
         };
         let send = move |waiting: &mut Messages| {
             if let Some(cells) = waiting.cells.take() {
-                network.subscribe(&cells);
+                network.cells.set(&cells, &network.sessions.all, &network.receiver, clock);
             }
             network.receiver.publish(waiting, |topic, key, bytes| network.put(topic, key, bytes));
         };
@@ -322,7 +321,6 @@ impl Link {
 struct ZenohNetwork {
     receiver: Arc<LinkReceiver>,
     sessions: Sessions,
-    clock: LocalClock,
     cells: SubscribedCells,
     mission: MessagePublisher,
     /// Answer the queries of agents that start late with the last heartbeat.
@@ -345,11 +343,6 @@ impl ZenohNetwork {
             Topic::Summary(_) => self.summary.put(bytes),
             _ => self.mission.put(bytes),
         }
-    }
-
-    /// Subscribes to the states and intents of other teams in these cells, and in no others.
-    fn subscribe(&mut self, cells: &[Cell]) {
-        self.cells.set(cells, &self.sessions.all, &self.receiver, self.clock);
     }
 
     /// Publishes under the key of a cell. Cells change, so no publisher is declared.

@@ -23,6 +23,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+use std::sync::mpsc::Receiver;
 use std::thread;
 use std::time::Duration;
 
@@ -37,7 +38,7 @@ use tokio::time::MissedTickBehavior;
 
 use crate::config::{AgentOptions, InputsFolder, Node};
 use crate::external::LiveLaw;
-use crate::inputs::{Flown, Keeper, Recorder};
+use crate::inputs::{FINISH_TIMEOUT, Flown, Recorder};
 use crate::link::{
     CLOCK_QUERY_PERIOD, HealthPublisher, Link, LinkError, Sessions, Trust, ZENOH_ON_TWO_THREADS, ZENOH_RUNTIME,
 };
@@ -220,7 +221,7 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
     unix::notify_service_manager("READY=1");
     let ended = thread.join();
     if let Some(keeper) = keeper {
-        keeper.finish();
+        let _ = keeper.recv_timeout(FINISH_TIMEOUT);
     }
     let link = ended.map_err(|_| RunError::Panicked)?;
     unix::notify_service_manager("STOPPING=1");
@@ -230,7 +231,7 @@ pub fn fly(node: &Node, sessions: impl Into<Sessions>, stop: &Arc<Stop>, tokio: 
 }
 
 /// Begins to keep the inputs of the agent.
-fn keep_inputs(folder: &InputsFolder, node: &Node, incarnation: Incarnation) -> io::Result<(Recorder, Keeper)> {
+fn keep_inputs(folder: &InputsFolder, node: &Node, incarnation: Incarnation) -> io::Result<(Recorder, Receiver<()>)> {
     let flown = Flown {
         release: release(),
         scenario: folder.scenario.clone(),

@@ -23,8 +23,8 @@ const CHUNK_S: f64 = 1.0;
 const QUEUE: usize = 64;
 /// Files of earlier agents of a vehicle that stay.
 const OLD_FILES: usize = 7;
-/// Time to write the last chunk when the agent ends.
-const FINISH_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time to write the last chunk when the agent ends: not long for a disk that does not answer.
+pub const FINISH_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Encodes what enters and leaves the station. The control thread owns it, and it never makes that thread wait.
 #[derive(Debug)]
@@ -37,21 +37,16 @@ pub struct Recorder {
     chunks: Option<SyncSender<Chunk>>,
 }
 
-/// The thread that keeps the chunks.
-#[derive(Debug)]
-pub struct Keeper {
-    done: Receiver<()>,
-}
-
 /// The steps of about a second, and whether something went wrong in them.
 type Chunk = (Vec<u8>, bool);
 
 impl Recorder {
-    /// Begins to keep the inputs of an agent; with `all` they are written from the start, whatever happens.
+    /// Begins to keep the inputs of an agent; with `all` they are written from the start, whatever happens. The
+    /// receiver gets a message when the last chunk is written after the recorder was dropped.
     ///
     /// # Errors
     /// The thread that keeps them cannot be started.
-    pub fn start(folder: &InputsFolder, flown: &Flown, all: bool) -> io::Result<(Self, Keeper)> {
+    pub fn start(folder: &InputsFolder, flown: &Flown, all: bool) -> io::Result<(Self, Receiver<()>)> {
         let name = format!("{}-{}.{EXTENSION}", folder.vehicle.vehicle, flown.incarnation.0);
         let mut kept = Kept {
             path: folder.path.join(name),
@@ -75,7 +70,7 @@ impl Recorder {
             let _ = finished.try_send(());
         })?;
         let recorder = Self { content: Vec::new(), began: None, is_fault: false, chunks: Some(chunks) };
-        Ok((recorder, Keeper { done }))
+        Ok((recorder, done))
     }
 
     /// Takes what enters the station, before the step: if the core panics, it is known by what.
@@ -115,13 +110,6 @@ impl Drop for Recorder {
         if !self.content.is_empty() {
             self.hand_over();
         }
-    }
-}
-
-impl Keeper {
-    /// Waits until the last chunk is written, but not long for a disk that does not answer.
-    pub fn finish(self) {
-        let _ = self.done.recv_timeout(FINISH_TIMEOUT);
     }
 }
 

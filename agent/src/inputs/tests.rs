@@ -1,4 +1,5 @@
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::Receiver;
 use std::{fs, thread};
 
 use skein_common::id::{VehicleId, VehicleName, VehicleSet};
@@ -33,7 +34,7 @@ fn flown(incarnation: u64) -> Flown {
 }
 
 /// Starts to keep the inputs of an agent in this folder.
-fn start(path: &Path, incarnation: u64, all: bool) -> (Recorder, Keeper) {
+fn start(path: &Path, incarnation: u64, all: bool) -> (Recorder, Receiver<()>) {
     let Flown { scenario, aircraft, rules, .. } = flown(incarnation);
     let vehicle = VehicleName::from(VehicleId::new(1).unwrap());
     let folder = InputsFolder { path: path.to_owned(), scenario, vehicle, aircraft, rules };
@@ -99,7 +100,7 @@ fn recorded() -> Vec<u8> {
     let (mut recorder, keeper) = start(path.path(), 1, true);
     fly(&mut recorder, STEPS);
     drop(recorder);
-    keeper.finish();
+    let _ = keeper.recv_timeout(FINISH_TIMEOUT);
     fs::read(file_of(path.path(), 1)).unwrap()
 }
 
@@ -188,13 +189,13 @@ fn only_a_fault_leaves_a_file_and_few_old_ones_stay() {
     let (mut recorder, keeper) = start(path.path(), 1, false);
     fly(&mut recorder, STEPS);
     drop(recorder);
-    keeper.finish();
+    let _ = keeper.recv_timeout(FINISH_TIMEOUT);
     assert_eq!(fs::read_dir(path.path()).unwrap().count(), 0);
     for incarnation in 1..12 {
         let (mut recorder, keeper) = start(path.path(), incarnation, false);
         fly(&mut recorder, 300);
         drop(recorder);
-        keeper.finish();
+        let _ = keeper.recv_timeout(FINISH_TIMEOUT);
     }
     assert_eq!(fs::read_dir(path.path()).unwrap().count(), 8);
     let bytes = fs::read(file_of(path.path(), 11)).unwrap();
@@ -216,7 +217,7 @@ fn a_panic_leaves_the_inputs_of_the_step_in_which_it_happened() {
         panic!("a bug in the core");
     });
     assert!(panicked.join().is_err());
-    keeper.finish();
+    let _ = keeper.recv_timeout(FINISH_TIMEOUT);
     let bytes = fs::read(file_of(path.path(), 1)).unwrap();
     let step = InputsReader::new(&bytes).unwrap().next_step().unwrap().unwrap();
     assert_eq!((step.inputs, step.outputs), (StepInputs::default(), None));
@@ -227,7 +228,7 @@ fn a_folder_that_cannot_be_written_changes_nothing_for_the_flight() {
     let (mut recorder, keeper) = start(Path::new("/nowhere/at/all"), 1, true);
     fly(&mut recorder, STEPS);
     drop(recorder);
-    keeper.finish();
+    let _ = keeper.recv_timeout(FINISH_TIMEOUT);
 }
 
 #[test]

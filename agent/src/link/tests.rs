@@ -12,6 +12,7 @@ use skein_common::message::{Event, Header, Order, State, VERSION, Verb, encode};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, SenderStamp};
+use skein_common::topic::Cell;
 
 use super::signature::SigningKey;
 use super::signature::messages::KeyRing;

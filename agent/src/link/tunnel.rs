@@ -40,7 +40,7 @@ use super::LinkError;
 use super::presence::Presence;
 use super::security::Tls;
 use crate::unix;
-use budget::{ByteLimit, GuestLink, GuestRates, HandshakeRate, Quota, QuotaUse};
+use budget::{ByteLimit, GuestRates, HandshakeRate, Quota, QuotaUse};
 use local::{FEED, FLIGHT, Place};
 use skein_host::clock::now;
 pub(super) use tls::{Peer, TlsContext};
@@ -365,13 +365,13 @@ async fn carry(
     Connection { stream, peer }: Connection,
     here: local::Stream,
     address: &str,
-    guest: Option<GuestLink>,
+    guest: Option<(ByteLimit, ByteLimit)>,
     presence: &Arc<Presence>,
 ) {
     let _link = presence.link(peer.and_then(|peer| peer.vehicle));
     let (mut from_there, mut to_there) = split(stream);
     let (mut from_here, mut to_here) = split(here);
-    let (received, sent) = guest.map_or((None, None), |guest| (Some(guest.received), Some(guest.sent)));
+    let (received, sent) = guest.unzip();
     // Neither direction waits for the other, or a cut link would go unnoticed for a quarter of an hour.
     tokio::select! {
         copied = copy_within(&mut from_there, &mut to_here, received) => match copied {

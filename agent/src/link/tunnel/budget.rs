@@ -135,8 +135,8 @@ impl TokenBucket {
 pub(super) struct GuestRates(Mutex<BTreeMap<String, Weak<Mutex<TokenBucket>>>>);
 
 impl GuestRates {
-    /// Begins a link of this guest.
-    pub(super) fn link(&self, name: &str, now: Instant) -> GuestLink {
+    /// Begins a link of this guest: the limits of what it sends and of what it gets.
+    pub(super) fn link(&self, name: &str, now: Instant) -> (ByteLimit, ByteLimit) {
         let mut rates = self.0.lock();
         rates.retain(|_, rate| rate.strong_count() > 0);
         let of_guest = rates.get(name).and_then(Weak::upgrade).unwrap_or_else(|| {
@@ -146,17 +146,9 @@ impl GuestRates {
             of_guest
         });
         let sent = TokenBucket::full(TO_GUEST_BYTES_PER_S, TO_GUEST_BYTES_AT_ONCE, now);
-        GuestLink {
-            received: ByteLimit { rate: of_guest, left: FROM_GUEST_BYTES },
-            sent: ByteLimit { rate: Arc::new(Mutex::new(sent)), left: u64::MAX },
-        }
+        let received = ByteLimit { rate: of_guest, left: FROM_GUEST_BYTES };
+        (received, ByteLimit { rate: Arc::new(Mutex::new(sent)), left: u64::MAX })
     }
-}
-
-/// Limits the traffic of one link with a guest.
-pub(super) struct GuestLink {
-    pub(super) received: ByteLimit,
-    pub(super) sent: ByteLimit,
 }
 
 /// Limits one direction of a link.
@@ -232,13 +224,13 @@ mod tests {
     fn all_links_of_a_guest_share_a_rate_and_each_may_send_only_so_much() {
         let (rates, begin) = (GuestRates::default(), now());
         let (mut first, mut second) = (rates.link("observer", begin), rates.link("observer", begin));
-        assert_eq!(first.received.take(FROM_GUEST_BYTES_AT_ONCE as usize, begin), Some(Duration::ZERO));
-        let wait = second.received.take(FROM_GUEST_BYTES_PER_S as usize, begin);
+        assert_eq!(first.0.take(FROM_GUEST_BYTES_AT_ONCE as usize, begin), Some(Duration::ZERO));
+        let wait = second.0.take(FROM_GUEST_BYTES_PER_S as usize, begin);
         assert_eq!(wait, Some(Duration::from_secs(1)), "the first link has used the rate");
-        assert_eq!(rates.link("operator", begin).received.take(300, begin), Some(Duration::ZERO), "another guest");
+        assert_eq!(rates.link("operator", begin).0.take(300, begin), Some(Duration::ZERO), "another guest");
         let later = begin + Duration::from_secs(3600);
         let mut read = 0;
-        while first.received.take(1024, later + Duration::from_secs(read)).is_some() {
+        while first.0.take(1024, later + Duration::from_secs(read)).is_some() {
             read += 1;
         }
         assert_eq!(read * 1024, FROM_GUEST_BYTES - FROM_GUEST_BYTES_AT_ONCE as u64);
@@ -250,7 +242,7 @@ mod tests {
     #[test]
     fn a_link_sends_a_guest_no_more_than_its_rate() {
         let (rates, begin) = (GuestRates::default(), now());
-        let mut sent = rates.link("observer", begin).sent;
+        let mut sent = rates.link("observer", begin).1;
         let mut at = begin;
         for _ in 0..2048 {
             at += sent.take(1024, at).unwrap();

@@ -6,7 +6,6 @@
 //! whatever elevation and speed it asks for; a reset puts it back to its start. While it is paused, it stands still, in
 //! the air as well.
 
-mod aircraft;
 mod options;
 mod simulator;
 mod web;
@@ -24,7 +23,7 @@ use socket2::SockRef;
 use super::socket::{Port, Received, is_receiver_down, is_this_host, own_address_towards};
 use super::wire::{becn, rpos};
 pub use options::{StandinError, StandinOptions, WebPort};
-use options::{udp_port, web_port};
+use options::{port_of, web_port};
 pub use simulator::{RunState, Simulator};
 use web::Web;
 
@@ -78,7 +77,7 @@ impl Standin {
         // The beacon carries no address, so the stand-in must be reachable on every interface that the beacon is sent
         // to.
         let listen = if options.beacon { Ipv4Addr::UNSPECIFIED } else { Ipv4Addr::LOCALHOST };
-        let wanted = SocketAddrV4::new(listen, udp_port(options)?).into();
+        let wanted = SocketAddrV4::new(listen, port_of("port", options.port, options.id)?).into();
         let bind = |source| StandinError::Bind(wanted, source);
         let port = UdpSocket::bind(wanted).and_then(Port::new).map_err(bind)?;
         // As much as the system allows: more requests fit while this thread does not run.

@@ -29,7 +29,7 @@ macro_rules! settings {
     ($($setting:ident: $initial:expr, $stored:expr;)*) => {
         /// A dataref that can be written and keeps its value.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub(super) enum Setting {
+        pub(in crate::plant::xplane) enum Setting {
             $($setting,)*
         }
 

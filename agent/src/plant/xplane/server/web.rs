@@ -16,20 +16,15 @@ use skein_core::helicopter::Weather;
 pub type Elements = Option<BTreeSet<usize>>;
 
 /// A new flight, or a change of the current one.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Flight {
     /// Where the aircraft starts: latitude, longitude and heading, degrees. `None` leaves it where it is.
     pub place_deg: Option<[f64; 3]>,
     /// The weather, if it changes.
     pub weather: Option<Weather>,
-    /// The local time of day, s, if it changes.
-    pub local_time_s: Option<f64>,
-    /// The date, counted from 0 on the first of January, if it changes.
-    pub local_date: Option<f64>,
-    /// The weight of the payload, kg, if it changes.
-    pub payload_kg: Option<f64>,
-    /// The weight of the fuel, kg, if it changes.
-    pub fuel_kg: Option<f64>,
+    /// What else changes: the local time of day, s, the date, counted from 0 on the first of January, and the weights of payload
+    /// and fuel, kg. Of two values the last one counts.
+    pub(in crate::plant::xplane) settings: Vec<(Setting, f64)>,
 }
 
 /// A request of a client of the Web API to the simulator. Datarefs are the positions in [`DATAREFS`].
@@ -81,14 +76,7 @@ impl Server {
                         speed_m_s: 0.0,
                     })
                 });
-                for (setting, value) in [
-                    (Setting::LocalTime, flight.local_time_s),
-                    (Setting::LocalDate, flight.local_date),
-                    (Setting::Payload, flight.payload_kg),
-                    (Setting::Fuel, flight.fuel_kg),
-                ] {
-                    value.into_iter().for_each(|value| self.settings.store(setting, 0, value as f32));
-                }
+                flight.settings.iter().for_each(|(setting, value)| self.settings.store(*setting, 0, *value as f32));
                 Some((Vec::new(), place.into_iter().collect()))
             }
         }

@@ -163,10 +163,6 @@ pub(super) fn check_frames(options: &StandinOptions) -> Result<(), StandinError>
     Ok(())
 }
 
-pub(super) fn udp_port(options: &StandinOptions) -> Result<u16, StandinError> {
-    port_of("port", options.port, options.id)
-}
-
 /// Port of the Web API, if there is one.
 pub(super) fn web_port(options: &StandinOptions) -> Result<Option<u16>, StandinError> {
     match (options.version, options.web) {
@@ -175,7 +171,7 @@ pub(super) fn web_port(options: &StandinOptions) -> Result<Option<u16>, StandinE
     }
 }
 
-fn port_of(option: &'static str, first: u16, id: VehicleId) -> Result<u16, StandinError> {
+pub(super) fn port_of(option: &'static str, first: u16, id: VehicleId) -> Result<u16, StandinError> {
     if first == 0 {
         return Ok(0);
     }

@@ -1,18 +1,23 @@
 //! The simulator of a stand-in without sockets and clock: the caller carries the datagrams and keeps the pace.
 
+use std::collections::VecDeque;
 use std::net::SocketAddr;
 
 use rand_chacha::ChaCha8Rng;
-use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, VelocityNed, wrap_rad};
+use skein_common::frame::{Attitude, BodyRates, Geodetic, Origin, PositionNed, VelocityNed, wrap_rad};
 
-use super::aircraft::Aircraft;
 use super::options::{StandinError, StandinOptions, check_frames, parameters, start, weather};
 use crate::plant::xplane::server::{Order, Server, Surroundings, Task};
 use crate::plant::xplane::wire::aircraft::{Move, VEHX};
 use crate::plant::xplane::wire::prel::Placement;
-use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, Weather};
-use skein_core::plant::{Frame, GroundTruth, Measurement};
+use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, TICK_S, Weather};
+use skein_core::plant::{Controls, Frame, GroundTruth, Measurement};
 use skein_core::random::{Purpose, generator, uniform};
+
+/// How far back a replay reaches, s.
+const REPLAY_S: f64 = 10.0;
+/// Share of a tick below which a rest is a rounding error.
+const NEGLIGIBLE_TICKS: f64 = 1e-9;
 
 /// Whether a simulator runs its frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,10 +99,10 @@ impl Simulator {
         }
     }
 
-    /// Lets the flight model continue from a pose. The built-in helicopter begins on the ground only.
-    fn put_down(&mut self, moved: &Move) {
-        let place = Geodetic::from_degrees(moved.latitude_deg, moved.longitude_deg, self.options.alt_m);
-        self.begin_at((place, f64::from(moved.heading_deg).to_radians()));
+    /// Lets the flight model continue from a place, with a heading. The built-in helicopter begins on the ground only.
+    fn put_down(&mut self, latitude_deg: f64, longitude_deg: f64, heading_deg: f64) {
+        let place = Geodetic::from_degrees(latitude_deg, longitude_deg, self.options.alt_m);
+        self.begin_at((place, heading_deg.to_radians()));
     }
 
     fn begin_at(&mut self, start: (Geodetic, f64)) {
@@ -136,11 +141,15 @@ impl Simulator {
     /// Does what a message asks for; returns whether it can take another one in this frame.
     fn obey(&mut self, order: Option<Order>) -> bool {
         match order {
-            Some(Order::Place(placement)) => self.place(&placement),
+            Some(Order::Place(Placement { latitude_deg, longitude_deg, heading_deg, .. })) => {
+                self.put_down(latitude_deg, longitude_deg, heading_deg);
+            }
             Some(Order::Move(moved)) if moved.tag == VEHX => {
                 self.held = Some((moved, self.held.map_or(0.0, |(_, held_s)| held_s)));
             }
-            Some(Order::Move(moved)) => self.put_down(&moved),
+            Some(Order::Move(Move { latitude_deg, longitude_deg, heading_deg, .. })) => {
+                self.put_down(latitude_deg, longitude_deg, heading_deg.into());
+            }
             Some(Order::Reset) => self.begin_at(self.start),
             Some(Order::Freeze(seconds)) => self.state = (RunState::Frozen, seconds.into()),
             Some(Order::Restart(seconds)) => {
@@ -165,8 +174,8 @@ impl Simulator {
         let simulated_s = self.server.simulated_s(frame_s);
         match &mut self.held {
             Some((moved, _)) if !self.server.holds_own() => {
-                let last = *moved;
-                self.put_down(&last);
+                let Move { latitude_deg, longitude_deg, heading_deg, .. } = *moved;
+                self.put_down(latitude_deg, longitude_deg, heading_deg.into());
             }
             Some((_, held_s)) => *held_s += simulated_s,
             None if simulated_s > 0.0 && !self.server.has_crashed() => self.aircraft.advance(controls, simulated_s),
@@ -185,12 +194,6 @@ impl Simulator {
     fn is_lost(&mut self) -> bool {
         let share = self.server.drop_share();
         share > 0.0 && uniform(&mut self.random) < share
-    }
-
-    fn place(&mut self, placement: &Placement) {
-        let Placement { latitude_deg, longitude_deg, heading_deg, .. } = *placement;
-        let place = Geodetic::from_degrees(latitude_deg, longitude_deg, self.options.alt_m);
-        self.begin_at((place, heading_deg.to_radians()));
     }
 }
 
@@ -211,4 +214,65 @@ fn server(options: &StandinOptions, weather: &Weather) -> Server {
     let mut server = Server::new(options.version, options.rate, surroundings);
     server.set_drop_share(options.drop);
     server
+}
+
+/// The helicopter, what is left to simulate of the last frame, and the last ten seconds.
+struct Aircraft {
+    vehicle: BuiltInVehicle,
+    /// Simulated time beyond the vehicle's last tick, in ticks, below one.
+    rest: f64,
+    past: VecDeque<Frame>,
+    /// The frame of the past that a replay shows next.
+    replayed: usize,
+}
+
+impl Aircraft {
+    fn new(vehicle: BuiltInVehicle) -> Self {
+        Self { vehicle, rest: 0.0, past: VecDeque::new(), replayed: 0 }
+    }
+
+    /// Advances by the simulated time, s, in whole ticks of the model; the rest is kept for the next frame.
+    fn advance(&mut self, controls: Option<Controls>, simulated_s: f64) {
+        let ticks = self.rest + simulated_s / TICK_S;
+        let whole = (ticks + NEGLIGIBLE_TICKS).floor();
+        self.rest = (ticks - whole).max(0.0);
+        for _ in 0..whole as u32 {
+            self.vehicle.advance(controls);
+        }
+        self.replayed = 0;
+        let newest = self.frame();
+        self.past.push_back(newest);
+        while self.past.front().is_some_and(|oldest| oldest.time.seconds() < newest.time.seconds() - REPLAY_S) {
+            self.past.pop_front();
+        }
+    }
+
+    /// The state now. Between two ticks the helicopter moves and turns at its last rates: X-Plane simulates every frame,
+    /// so that a repeated state would be a fault that no client of X-Plane sees.
+    fn frame(&self) -> Frame {
+        let frame = self.vehicle.frame();
+        let beyond_s = self.rest * TICK_S;
+        if self.rest < NEGLIGIBLE_TICKS {
+            return frame;
+        }
+        let mut measurement = frame.measurement;
+        let (velocity, rates) = (measurement.velocity, measurement.rates);
+        let moved = PositionNed(velocity.0 * beyond_s);
+        measurement.position = Origin::new(measurement.position).geodetic_from_ned(moved);
+        measurement.height_m -= moved.down_m();
+        let Attitude { roll_rad, pitch_rad, heading_rad } = measurement.attitude;
+        measurement.attitude = Attitude {
+            roll_rad: wrap_rad(roll_rad + rates.roll_rad_s * beyond_s),
+            pitch_rad: pitch_rad + rates.pitch_rad_s * beyond_s,
+            heading_rad: wrap_rad(heading_rad + rates.yaw_rad_s * beyond_s),
+        };
+        Frame { time: frame.time.plus_seconds(beyond_s), measurement, ..frame }
+    }
+
+    /// The next frame of a replay of the last ten seconds, from the oldest one on and again.
+    fn replay(&mut self) -> Frame {
+        let shown = self.past.get(self.replayed).copied().unwrap_or_else(|| self.frame());
+        self.replayed = if self.replayed + 1 < self.past.len() { self.replayed + 1 } else { 0 };
+        shown
+    }
 }

@@ -201,7 +201,9 @@ fn a_frame_simulates_its_length_but_no_more_than_x_plane_does() {
 
 #[test]
 fn vehicles_listen_ten_ports_apart() {
-    let port = |arguments: &[&str]| udp_port(&options(arguments)).ok();
+    let port = |arguments: &[&str]| {
+        Some(options(arguments)).and_then(|options| port_of("port", options.port, options.id).ok())
+    };
     assert_eq!(port(&["--port", "49000"]), Some(49000));
     assert_eq!(port(&["--port", "49000", "--id", "10"]), Some(49090));
     assert_eq!(port(&["--port", "65000", "--id", "250"]), None);

@@ -147,7 +147,9 @@ fn the_radar_has_one_client_and_the_layout_of_the_version() {
 #[test]
 fn the_rows_and_datarefs_of_public_clients_have_values() {
     let mut server = Server::new(Version::V12, RATE_HZ, Surroundings::default());
-    server.publish(&flying(), 0.02, |_, _| {});
+    let mut level = flying();
+    level.measurement.attitude = Attitude { roll_rad: 0.0, pitch_rad: 0.0, heading_rad: -1.0 };
+    server.publish(&level, 0.02, |_, _| {});
     let situation = server.situation.unwrap();
     let settings = Settings::new();
     for path in [

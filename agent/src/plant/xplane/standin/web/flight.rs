@@ -3,7 +3,7 @@
 use serde_json::{Map, Value as Json};
 
 use super::Fault;
-use crate::plant::xplane::server::{Flight, SEVERE_W20_M_S};
+use crate::plant::xplane::server::{Flight, SEVERE_W20_M_S, Setting};
 use skein_core::helicopter::Weather;
 
 const SECONDS_OF_AN_HOUR: f64 = 3600.0;
@@ -69,13 +69,10 @@ pub(super) fn started(data: &Json, acf: &str) -> Result<Flight, Fault> {
     ];
     let given = conditions(flight)?;
     // What a new flight does not say is as by default: noon, and an aircraft without payload and fuel.
-    Ok(Flight {
-        place_deg: Some(place_deg),
-        local_time_s: given.local_time_s.or(Some(NOON_H * SECONDS_OF_AN_HOUR)),
-        payload_kg: given.payload_kg.or(Some(0.0)),
-        fuel_kg: given.fuel_kg.or(Some(0.0)),
-        ..given
-    })
+    let noon = (Setting::LocalTime, NOON_H * SECONDS_OF_AN_HOUR);
+    let mut settings = vec![noon, (Setting::Payload, 0.0), (Setting::Fuel, 0.0)];
+    settings.extend(given.settings);
+    Ok(Flight { place_deg: Some(place_deg), settings, ..given })
 }
 
 /// Reads a change of the current flight.
@@ -89,46 +86,49 @@ pub(super) fn changed(data: &Json) -> Result<Flight, Fault> {
 
 /// The part that new flights and changes have in common.
 fn conditions(flight: &Map<String, Json>) -> Result<Flight, Fault> {
-    let (local_time_s, local_date) = time(flight)?;
-    let [payload_kg, fuel_kg] = weights(flight)?;
-    Ok(Flight { place_deg: None, weather: weather(flight)?, local_time_s, local_date, payload_kg, fuel_kg })
+    let mut settings = time(flight)?;
+    settings.extend(weights(flight)?);
+    Ok(Flight { place_deg: None, weather: weather(flight)?, settings })
 }
 
 /// The local time of day, s, and the date, counted from 0.
-fn time(flight: &Map<String, Json>) -> Result<(Option<f64>, Option<f64>), Fault> {
+fn time(flight: &Map<String, Json>) -> Result<Vec<(Setting, f64)>, Fault> {
     let mut given = TIMES.into_iter().filter_map(|key| Some((key, flight.get(key)?)));
     let (Some((key, value)), None) = (given.next(), given.next()) else {
         let none = TIMES.iter().all(|key| !flight.contains_key(*key));
-        return if none { Ok((None, None)) } else { Err(invalid("time: at most one is permitted, it")) };
+        return if none { Ok(Vec::new()) } else { Err(invalid("time: at most one is permitted, it")) };
     };
     match key {
-        "time_enum" if value == "day" => Ok((Some(NOON_H * SECONDS_OF_AN_HOUR), None)),
+        "time_enum" if value == "day" => Ok(vec![(Setting::LocalTime, NOON_H * SECONDS_OF_AN_HOUR)]),
         "local_time" => {
             let value = value.as_object().ok_or_else(|| invalid(key))?;
             let day = value.get("day_of_year").and_then(Json::as_u64).filter(|day| (1..=366).contains(day));
             let day = day.ok_or_else(|| invalid("day_of_year"))? - 1;
             let hours = decimal(value, "time_in_24_hours", (0.0, 24.0))?;
-            Ok((Some(hours * SECONDS_OF_AN_HOUR), Some(day as f64)))
+            Ok(vec![(Setting::LocalTime, hours * SECONDS_OF_AN_HOUR), (Setting::LocalDate, day as f64)])
         }
         // Nothing flies by these here.
-        _ => Ok((None, None)),
+        _ => Ok(Vec::new()),
     }
 }
 
 /// The weights of payload and fuel, kg.
-fn weights(flight: &Map<String, Json>) -> Result<[Option<f64>; 2], Fault> {
-    let Some(weight) = flight.get("weight") else { return Ok([None; 2]) };
+fn weights(flight: &Map<String, Json>) -> Result<Vec<(Setting, f64)>, Fault> {
+    let mut sums = Vec::new();
+    let Some(weight) = flight.get("weight") else { return Ok(sums) };
     let weight = weight.as_object().ok_or_else(|| invalid("weight"))?;
-    let sum = |key: &str| {
-        let Some(parts) = weight.get(key) else { return Ok(None) };
+    for (key, setting) in
+        [("payload_weight_in_kilograms", Setting::Payload), ("fueltank_weight_in_kilograms", Setting::Fuel)]
+    {
+        let Some(parts) = weight.get(key) else { continue };
         let parts = parts.as_array().filter(|parts| (1..=MOST_WEIGHTS).contains(&parts.len()));
         let part = |part: &Json| {
             let kg = Some(part).filter(|part| part.is_f64()).and_then(Json::as_f64);
             kg.filter(|kg| (0.0..=HEAVIEST_KG).contains(kg)).ok_or_else(|| invalid(key))
         };
-        parts.ok_or_else(|| invalid(key))?.iter().map(part).sum::<Result<f64, _>>().map(Some)
-    };
-    Ok([sum("payload_weight_in_kilograms")?, sum("fueltank_weight_in_kilograms")?])
+        sums.push((setting, parts.ok_or_else(|| invalid(key))?.iter().map(part).sum::<Result<f64, _>>()?));
+    }
+    Ok(sums)
 }
 
 fn object(data: &Json) -> Result<&Map<String, Json>, Fault> {
