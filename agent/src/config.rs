@@ -180,7 +180,11 @@ impl AgentOptions {
     pub fn node(&self) -> Result<Node, ConfigError> {
         match (&self.config, &self.scenario, self.id) {
             (Some(path), ..) => {
-                let (file, own_folder) = (read_agent_file(path)?, path.parent().unwrap_or(Path::new("")));
+                let (name, text) = (path.display().to_string(), files::read(path)?);
+                let source = Source { name: &name, text: &text };
+                let read = Written::typed(&source, FileKind::Agent);
+                let (file, _): (AgentFile, _) = read.map_err(|fault| ConfigError::File(fault.to_string()))?;
+                let own_folder = path.parent().unwrap_or(Path::new(""));
                 let described = self.described(&own_folder.join(&file.scenario))?;
                 self.node_of(file, own_folder, described)
             }
@@ -263,7 +267,10 @@ impl AgentOptions {
             }
             Some(tls) => {
                 let (orders_key, tls) = (tls.orders, tls.in_folder(own_folder));
-                notes.extend(open_key(&tls));
+                if unix::others_can_read(&tls.key) {
+                    let key = tls.key.display();
+                    notes.push(format!("{key}: other users can read this key; run chmod 600 {key}"));
+                }
                 (Security::Tls(tls), Some(orders_key))
             }
         };
@@ -296,19 +303,6 @@ pub fn check_live(scenario: &Scenario) -> Result<(), UnsupportedScenario> {
     }
     formation::check(scenario)?;
     formation::check_airspace(scenario)
-}
-
-fn read_agent_file(path: &Path) -> Result<AgentFile, ConfigError> {
-    let (name, text) = (path.display().to_string(), files::read(path)?);
-    let source = Source { name: &name, text: &text };
-    let read = Written::typed(&source, FileKind::Agent).map_err(|fault| ConfigError::File(fault.to_string()))?;
-    Ok(read.0)
-}
-
-/// Note about a private key that other users can read.
-fn open_key(tls: &Tls) -> Option<String> {
-    let key = tls.key.display();
-    unix::others_can_read(&tls.key).then(|| format!("{key}: other users can read this key; run chmod 600 {key}"))
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use skein_agent::config::AgentOptions;
-use skein_agent::plant::xplane::standin::{StandinOptions, run_standin};
+use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 use skein_core::formation::laws::Laws;
 use tracing_subscriber::EnvFilter;
 
@@ -233,7 +233,9 @@ pub fn run(command: Command) -> ExitCode {
 fn standin(options: &StandinOptions) -> Result<(), Error> {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
     tracing_subscriber::fmt().with_env_filter(filter).with_ansi(false).with_writer(std::io::stderr).init();
-    run_standin(options, &AtomicBool::new(false)).map_err(|error| Error::Refused(error.to_string()))
+    let mut standin = Standin::open(options).map_err(|error| Error::Refused(error.to_string()))?;
+    standin.run(&AtomicBool::new(false));
+    Ok(())
 }
 
 #[cfg(test)]

@@ -45,19 +45,16 @@ use placing::start_of;
 /// # Errors
 /// If a socket for the simulator cannot be opened.
 pub(super) fn open(address: Option<SocketAddr>, vehicle: &PlantVehicle<'_>) -> Result<Box<dyn Plant>, PlantError> {
-    link_of(address, vehicle).map(|link| Box::new(link) as _).map_err(|error| PlantError::Open(Box::new(error)))
-}
-
-fn link_of(address: Option<SocketAddr>, vehicle: &PlantVehicle<'_>) -> Result<XPlane, XPlaneLinkError> {
     let &PlantVehicle { scenario, id, aircraft, flown_s, .. } = vehicle;
+    let refused = |error: XPlaneLinkError| PlantError::Open(Box::new(error));
     let origin = Origin::new(scenario.origin.geodetic());
     let listen = address.map_or(Ipv4Addr::UNSPECIFIED.into(), |address| listen_for(address.ip()));
     let rate_hz = (1.0 / TICK_S).round() as u32;
-    let mut link = XPlane::new(&origin, address, &aircraft.xplane, rate_hz, listen)?;
+    let mut link = XPlane::new(&origin, address, &aircraft.xplane, rate_hz, listen).map_err(refused)?;
     // An aircraft that is flying already, or that the scenario leaves where it is, is not placed.
     let is_placed = scenario.start.pattern != StartPattern::AsIs && flown_s.is_none();
-    link.set_up(is_placed.then(|| start_of(scenario, id)).flatten(), &scenario.plant)?;
-    Ok(link)
+    link.set_up(is_placed.then(|| start_of(scenario, id)).flatten(), &scenario.plant).map_err(refused)?;
+    Ok(Box::new(link))
 }
 
 /// Resolves `HOST[:PORT]`, IPv4 first where a name has several addresses.

@@ -176,6 +176,8 @@ impl Server {
     /// A simulator with a running engine and free controls, which draws `frame_rate_hz` frames a second.
     pub fn new(version: Version, frame_rate_hz: u32, surroundings: Surroundings) -> Self {
         let frame_rate_hz = frame_rate_hz.max(1);
+        let mut settings = Settings::new();
+        weather::show(&mut settings, &surroundings.weather);
         Self {
             version,
             frame_rate_hz,
@@ -186,7 +188,7 @@ impl Server {
             rows: Rows::default(),
             radar: Radar::default(),
             clients: Clients::new(frame_rate_hz, PRESUMED_GONE_S * u64::from(frame_rate_hz)),
-            settings: weather::settings(&surroundings.weather),
+            settings,
             surroundings,
             weather_due: None,
             situation: None,
@@ -312,9 +314,8 @@ impl Server {
     fn give_back(&mut self) {
         let old = std::mem::replace(&mut self.settings, Settings::new());
         let own = [Setting::DataRate, Setting::RandomFailures, Setting::Speed, Setting::DropShare, Setting::LoadTime];
-        self.settings.keep(&old, &own);
-        self.settings.keep(&old, &[Setting::LocalTime, Setting::LocalDate, Setting::Payload, Setting::Fuel]);
-        weather::SETTINGS.iter().for_each(|weather| self.settings.keep(&old, weather));
+        let of_flight = [Setting::LocalTime, Setting::LocalDate, Setting::Payload, Setting::Fuel];
+        weather::SETTINGS.into_iter().chain([&own[..], &of_flight]).for_each(|kept| self.settings.keep(&old, kept));
         (self.has_collective, self.has_stick) = (false, false);
     }
 

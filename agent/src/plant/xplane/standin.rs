@@ -41,15 +41,6 @@ const MAX_LATE_FRAMES: u32 = 5;
 /// Time without subscribers after which a stand-in with `--until-unused` ends.
 const UNUSED_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Runs a stand-in until `stop` becomes true, or until it is unused if the options say so.
-///
-/// # Errors
-/// If an option is outside its range, the aircraft file is not valid, or the port is in use.
-pub fn run_standin(options: &StandinOptions, stop: &AtomicBool) -> Result<(), StandinError> {
-    Standin::open(options)?.run(stop);
-    Ok(())
-}
-
 /// A stand-in that is ready to run.
 pub struct Standin {
     options: StandinOptions,

@@ -27,15 +27,8 @@ const SETTINGS_11: &[Setting] = &[
 /// Settings that are weather.
 pub(super) const SETTINGS: [&[Setting]; 3] = [&[Setting::ChangeMode, Setting::Variability], SETTINGS_12, SETTINGS_11];
 
-/// The settings of a simulator that has just started in this weather.
-pub(super) fn settings(weather: &Weather) -> Settings {
-    let mut settings = Settings::new();
-    show(&mut settings, weather);
-    settings
-}
-
 /// Makes the datarefs show this weather.
-fn show(settings: &mut Settings, weather: &Weather) {
+pub(super) fn show(settings: &mut Settings, weather: &Weather) {
     let turbulence = MOST_TURBULENT * weather.gust_w20_m_s / SEVERE_W20_M_S;
     for (setting, value) in [
         (Setting::LayerSpeed, weather.wind_m_s),

@@ -159,7 +159,7 @@ fn a_forged_order_is_ignored() {
     let given = observer.signed(order(51));
     assert_eq!(given.len(), 2);
     for (given, run) in given.into_iter().zip([6, 7]) {
-        assert!(orders::is_signed(&public, &swarm, Branch::SWARM, run, &given));
+        assert!(Checker::new(public, swarm.clone(), Branch::SWARM).is_signed(run, &given));
         assert!(observer.is_issued(&given, Some(run)));
         assert!(!observer.is_issued(&given, Some(13 - run)), "a signature for another run");
     }
