@@ -22,13 +22,13 @@ use crate::release::{self, ReleaseArgs};
 use crate::replay::{self, ReplayArgs};
 use crate::report::{self, ReportArgs};
 use crate::scenarios::{self, ScenariosArgs};
-use crate::status::{self, StatusArgs};
 use crate::version;
 use skein_cluster::ClusterArgs;
 use skein_cluster::host::{self, NodeArgs};
 use skein_cluster::mesh::order::{self, OrderArgs};
 use skein_cluster::os;
 use skein_cluster::place::{self, PlaceArgs};
+use skein_cluster::status::{self, StatusArgs};
 use skein_lab::cli::{finish, parsed};
 use skein_lab::compare::{self, CompareArgs};
 use skein_lab::error::Error;
@@ -206,7 +206,7 @@ pub fn run(command: Command) -> ExitCode {
         Command::View(args) => skein_view::run(&args),
         Command::Report(args) => report::run(&args),
         Command::Order(args) => order::run(&args),
-        Command::Status(args) => status::run(&args),
+        Command::Status(args) => args.swarm.choose().and_then(|place| status::status(&place, args.shown)),
         Command::Check(args) => check::run(&args),
         Command::Xplane(XplaneCommand::Check(args)) => xplane::run(&args),
         Command::Xplane(XplaneCommand::Place(args)) => place::run(&args),

@@ -3,13 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use skein_agent::plant::xplane::XPlane;
-use skein_agent::plant::xplane::{listen_for, simulator};
-use skein_common::frame::{Geodetic, Origin};
 use skein_core::aircraft::Profile;
 use skein_core::control::Rules;
 use skein_core::fit::{Fit, Fitted, Rung};
-use skein_core::helicopter::TICK_S;
 use skein_core::plant::{Command, Plant};
 use skein_host::{clock, files};
 use skein_lab::error::Error;
@@ -19,6 +15,7 @@ use skein_lab::terminal::{complain, json, say, what_next};
 use crate::new::Name;
 use skein_cluster::os::Interrupts;
 use skein_cluster::ports::HostPort;
+use skein_cluster::simulators;
 
 /// `skein xplane fit`
 #[derive(Clone, Debug, clap::Args)]
@@ -81,12 +78,8 @@ pub fn run(args: &FitArgs) -> Result<(), Error> {
 
 /// Flies one fit; gives what it found and X-Plane's version.
 fn fly(address: &str, profile: &Profile, interrupts: &Interrupts) -> Result<(Fitted, Option<u32>), Error> {
-    let simulator = simulator(address).map_err(|error| Error::Refused(error.to_string()))?;
-    // The ladder has a frame of its own; this origin affects only the truth, which it does not use.
-    let anywhere = Origin::new(Geodetic::from_degrees(0.0, 0.0, 0.0));
-    let rate_hz = (1.0 / TICK_S).round() as u32;
-    let mut link = XPlane::new(&anywhere, Some(simulator), profile, rate_hz, listen_for(simulator.ip()))
-        .map_err(|error| Error::Refused(error.to_string()))?;
+    // The ladder has a frame of its own; the origin of this one affects only the truth, which it does not use.
+    let mut link = simulators::link(address, profile).map_err(Error::Refused)?;
     let mut fit = Fit::new(Rules::shipped());
     let (mut heard, mut last) = (clock::now(), None::<Rung>);
     loop {

@@ -15,5 +15,4 @@ pub mod release;
 pub mod replay;
 pub mod report;
 pub mod scenarios;
-pub mod status;
 pub mod version;

@@ -37,8 +37,12 @@ pub const AUTHORITY_FILE: &str = "keys/authority.pem";
 
 /// Identifies an authority by its certificate: the first 16 hexadecimal digits of a SHA-256 over its text.
 pub fn authority_of(certificate: &[u8]) -> String {
-    let digest = ring::digest::digest(&ring::digest::SHA256, certificate.trim_ascii());
-    digest.as_ref().iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+    hex(&ring::digest::digest(&ring::digest::SHA256, certificate.trim_ascii()).as_ref()[..8])
+}
+
+/// Formats bytes as hexadecimal digits.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 impl Bundle {
@@ -57,6 +61,6 @@ impl Bundle {
                 digest.update(part);
             }
         }
-        digest.finish().as_ref().iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+        hex(&digest.finish().as_ref()[..8])
     }
 }

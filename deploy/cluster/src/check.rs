@@ -13,7 +13,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::ssh::{Ssh, at_once, by_host};
-use crate::findings::{Line, table, verdict};
+use crate::findings::{Line, as_table, verdict};
 use crate::inventory::{Inventory, Node};
 use host::HostChecks;
 use skein_lab::error::Error;
@@ -45,7 +45,7 @@ pub fn run(file: &Path, json: bool) -> Result<(), Error> {
     let inventory = Inventory::read(file)?;
     inventory.check_hosts()?;
     let lines = check_all(&inventory, &file.display().to_string());
-    skein_lab::terminal::say(&if json { skein_lab::terminal::json(&lines) } else { as_table(&lines) });
+    skein_lab::terminal::say(&if json { skein_lab::terminal::json(&lines) } else { as_table(&lines, true) });
     verdict(&lines)
 }
 
@@ -77,16 +77,6 @@ fn check_all(inventory: &Inventory, file: &str) -> Vec<Line> {
     lines.extend(by_hand.map(|node| Line::of(node, "ssh", "installed by hand: only its port is checked").unknown()));
     lines.extend(ports::lines(inventory, &calls, &agents));
     lines
-}
-
-/// The lines as a table that names where each was checked.
-pub fn as_table(lines: &[Line]) -> String {
-    let row = |line: &Line| {
-        let cells =
-            [&*line.place, line.what, line.state.label(), &line.found, line.remedy.as_deref().unwrap_or_default()];
-        cells.map(str::to_owned).to_vec()
-    };
-    table(&["where", "what", "", "found", "remedy"], lines.iter().map(row))
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ use std::thread;
 use std::time::Duration;
 
 use crate::keys::Role;
-use serde::Serialize;
 use skein_common::id::{VehicleId, VehicleName};
 use skein_common::message::Verb;
 
@@ -40,32 +39,14 @@ pub struct DownArgs {
     pub timeout_s: Option<f64>,
 }
 
-/// Result of the command.
-#[derive(Debug, Serialize)]
-struct LandingReport {
-    swarm: String,
-    /// Whether the vehicles were ordered to land over the mesh, or why not.
-    order: String,
-    /// Total duration, s.
-    seconds: f64,
-    nodes: Vec<Outcome>,
-}
-
 /// Runs the command.
 ///
 /// # Errors
 /// If the cluster file is wrong, or the landing and end of any vehicle is not confirmed.
 pub fn run(args: &DownArgs) -> Result<(), Error> {
-    let chosen = args.nodes.read()?;
-    let ssh = args.nodes.ssh();
-    let progress = args.nodes.progress();
+    let (chosen, ssh, progress) = args.nodes.begin()?;
     let landed = land(&chosen, &ssh, &progress, args.timeout_s)?;
-    let seconds = progress.seconds();
-    drop(progress);
-    let report =
-        LandingReport { swarm: chosen.inventory.swarm.to_string(), order: landed.order, seconds, nodes: landed.nodes };
-    args.nodes.show(&report, || format!("{}{}, {seconds:.1} s\n", Outcome::table(&report.nodes), report.order));
-    nodes::fail_if_any(Outcome::failures(&report.nodes), "not known to be down")?;
+    args.nodes.end(&chosen, progress, (Some(landed.order), &landed.nodes), "not known to be down")?;
     match RunFile::of(&chosen.inventory) {
         Some(file) if chosen.ids.len() == chosen.inventory.nodes.len() => file.note_end(),
         _ => Ok(()),

@@ -86,13 +86,14 @@ pub fn verdict(lines: &[Line]) -> Result<(), Error> {
     }
 }
 
-/// The lines as a table, without their places.
-pub fn as_table(lines: &[Line]) -> String {
-    let row = |line: &Line| {
-        let cells = [line.what, line.state.label(), &line.found, line.remedy.as_deref().unwrap_or_default()];
-        cells.map(str::to_owned).to_vec()
+/// The lines as a table, with or without their places.
+pub fn as_table(lines: &[Line], has_places: bool) -> String {
+    let first = usize::from(!has_places);
+    let row = |Line { place, what, state, found, remedy }: &Line| {
+        let cells = [place, *what, state.label(), found, remedy.as_deref().unwrap_or_default()];
+        cells[first..].iter().map(|cell| (*cell).to_owned()).collect()
     };
-    table(&["what", "", "found", "remedy"], lines.iter().map(row))
+    table(&["where", "what", "", "found", "remedy"][first..], lines.iter().map(row))
 }
 
 /// Formats a table, fitted to the terminal's width. Columns whose header ends in a unit are right-aligned numbers.

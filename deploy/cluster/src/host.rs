@@ -98,7 +98,7 @@ fn answer(place: &SwarmFolder, request: Request) -> Result<Answer, String> {
     match ask {
         Ask::Facts => return Ok(Answer::Facts(node.facts())),
         Ask::Simulator { address } => {
-            return Ok(Answer::Simulator(crate::simulators::ask(&address).map_err(|error| error.to_string())));
+            return Ok(Answer::Simulator(crate::simulators::ask(&address)));
         }
         Ask::Place { address } => {
             let scenario = node.scenario()?;

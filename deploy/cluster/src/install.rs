@@ -24,7 +24,7 @@ use super::remote::{Fault, Remote};
 use super::ssh::{Host, at_once};
 use crate::inventory::Node;
 use roll::Restart;
-use row::{Done, InstalledNode};
+use row::{InstalledNode, UNCHANGED};
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -72,9 +72,7 @@ struct InstallReport {
 /// # Errors
 /// If the cluster file is wrong, or any node failed; the other nodes are installed then.
 pub fn run(args: &InstallArgs) -> Result<(), Error> {
-    let chosen = args.nodes.read()?;
-    let ssh = args.nodes.ssh();
-    let progress = args.nodes.progress();
+    let (chosen, ssh, progress) = args.nodes.begin()?;
     let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
     let given = if args.rollback { BTreeMap::new() } else { prepare(&chosen)? };
     if args.take_over || args.rollback {
@@ -88,7 +86,7 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     let done = at_once(&chosen.hosts(), |(host, nodes)| install.on(host, nodes));
     let (mut rows, mut restarts) = (BTreeMap::new(), Vec::new());
     for (row, restart) in done.into_iter().flatten() {
-        rows.insert(row.node, row);
+        rows.insert(row.outcome.node, row);
         restarts.extend(restart);
     }
     for node in chosen.manual() {
@@ -105,7 +103,8 @@ pub fn run(args: &InstallArgs) -> Result<(), Error> {
     let report =
         InstallReport { swarm, dry_run: args.dry_run, seconds, installed_s, nodes: rows.into_values().collect() };
     args.nodes.show(&report, || row::table(&report.nodes, args.dry_run));
-    nodes::fail_if_any(report.nodes.iter().map(|row| (row.node, row.why.is_some())), "failed")
+    let outcomes = report.nodes.iter().map(|row| &row.outcome);
+    nodes::fail_if_any(outcomes.map(|outcome| (outcome.node, outcome.why.is_some())), "failed")
 }
 
 /// The program and the files to install on a node.
@@ -158,18 +157,18 @@ impl Installer<'_> {
                 true => self.roll_back(host, node, &mut row),
                 false => self.install(host, node, &mut row, &mut places, &line),
             };
-            row.seconds = (clock::now() - begun).as_secs_f64();
+            row.outcome.seconds = (clock::now() - begun).as_secs_f64();
             let restart = match facts {
                 Ok(facts) => {
-                    row.runs = facts.current.clone();
+                    row.outcome.runs = facts.current.clone();
                     Restart::needed(host, node, &facts)
                 }
                 Err(why) => {
-                    row.fail(why);
+                    row.outcome.fail(why);
                     None
                 }
             };
-            line.say(&row.to_text());
+            line.say(&row.outcome.to_text());
             all.push((row, restart));
         }
         all
@@ -203,10 +202,10 @@ impl Installer<'_> {
         if facts.current.as_ref() != Some(&given.installed()) {
             return Err(format!("{host}: has {:?} now, not what it was given", facts.current));
         }
-        row.done = match (changed || row.copied_bytes > 0, &facts.previous) {
-            (false, _) => Done::Unchanged,
-            (true, None) => Done::Installed,
-            (true, Some(_)) => Done::Upgraded,
+        row.outcome.done = match (changed || row.copied_bytes > 0, &facts.previous) {
+            (false, _) => UNCHANGED,
+            (true, None) => "installed",
+            (true, Some(_)) => "upgraded",
         };
         Ok(facts)
     }
@@ -257,17 +256,17 @@ impl Installer<'_> {
             Err(Fault::NotInstalled) => Facts::default(),
             Err(Fault::Failed(why)) => return Err(why),
         };
-        row.done = match &facts.current {
-            None => Done::Installed,
-            Some(current) if *current == given.installed() && row.copied_bytes == 0 => Done::Unchanged,
-            Some(_) => Done::Upgraded,
+        row.outcome.done = match &facts.current {
+            None => "installed",
+            Some(current) if *current == given.installed() && row.copied_bytes == 0 => UNCHANGED,
+            Some(_) => "upgraded",
         };
         Ok(facts)
     }
 
     fn roll_back(&self, host: &Host, node: &Node, row: &mut InstalledNode) -> Result<Facts, String> {
         let change = done(host, self.remote.change(host, node, Ask::Rollback))?;
-        row.done = if change.changed { Done::RolledBack } else { Done::Unchanged };
+        row.outcome.done = if change.changed { "rolled-back" } else { UNCHANGED };
         Ok(change.facts)
     }
 }

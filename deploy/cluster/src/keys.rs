@@ -49,7 +49,8 @@ pub(crate) fn certificate_spec<'a>(inventory: &'a Inventory, names: &'a Names, r
 /// If one of them is missing, or peers reject the certificate: a text with the remedy.
 pub(crate) fn accepted_pair(inventory: &Inventory, folder: &Folder, role: Role) -> Result<(Pair, Names), Error> {
     let file = certificate_file(role);
-    let (pair, names) = (folder.need_pair(&file, &key_file(role))?, folder.need_names()?);
+    let pair = Pair { certificate: folder.need(&file)?, key: folder.need(&key_file(role))? };
+    let names = folder.need_names()?;
     let spec = certificate_spec(inventory, &names, role);
     match certificate::unfit(&pair, &spec, &folder.need(AUTHORITY)?, clock::utc()).filter(Unfit::is_fatal) {
         None => Ok((pair, names)),

@@ -6,13 +6,14 @@ use std::time::{Duration, Instant};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use serde::Serialize;
-use skein_common::id::VehicleName;
+use skein_common::id::{SwarmName, VehicleName};
 use skein_common::printable::printable_lines;
 
 use super::ssh::{self, Host, Ssh, at_once};
 use crate::FileArgs;
 use crate::findings::table;
 use crate::inventory::{Install, Inventory, Node};
+use crate::protocol::Installed;
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -37,27 +38,37 @@ pub struct NodesArgs {
 }
 
 impl NodesArgs {
-    /// Reads the cluster file and chooses the nodes.
+    /// Reads the cluster file and chooses the nodes; makes the caller of hosts, and the display of progress.
     ///
     /// # Errors
     /// If the file is wrong, or has no such node.
-    pub fn read(&self) -> Result<ChosenNodes, Error> {
-        ChosenNodes::read(&self.file.path(), &self.nodes)
-    }
-
-    /// Makes the caller of hosts.
-    pub fn ssh(&self) -> Ssh {
-        Ssh::new(self.verbose)
-    }
-
-    /// Makes the display of progress.
-    pub fn progress(&self) -> Progress {
-        Progress::new(self.verbose)
+    pub fn begin(&self) -> Result<(ChosenNodes, Ssh, Progress), Error> {
+        let chosen = ChosenNodes::read(&self.file.path(), &self.nodes)?;
+        Ok((chosen, Ssh::new(self.verbose), Progress::new(self.verbose)))
     }
 
     /// Prints a result, as JSON if asked for, else as this text.
     pub fn show(&self, result: &impl Serialize, text: impl FnOnce() -> String) {
         skein_lab::terminal::say(&if self.json { skein_lab::terminal::json(result) } else { text() });
+    }
+
+    /// Prints the results of a command that has ended at all nodes; `order` is what became of an order over the mesh.
+    ///
+    /// # Errors
+    /// If a node failed: how many are `what`.
+    pub fn end(
+        &self,
+        chosen: &ChosenNodes,
+        progress: Progress,
+        (order, nodes): (Option<String>, &[Outcome]),
+        what: &str,
+    ) -> Result<(), Error> {
+        let seconds = progress.seconds();
+        drop(progress);
+        let report = Outcomes { swarm: &chosen.inventory.swarm, order, seconds, nodes };
+        let below = report.order.as_ref().map_or_else(String::new, |order| format!("{order}, {seconds:.1} s\n"));
+        self.show(&report, || Outcome::table(nodes) + &below);
+        fail_if_any(nodes.iter().map(|one| (one.node, one.why.is_some())), what)
     }
 }
 
@@ -107,6 +118,18 @@ impl ChosenNodes {
     }
 }
 
+/// Result of a command.
+#[derive(Debug, Serialize)]
+struct Outcomes<'a> {
+    swarm: &'a SwarmName,
+    /// Whether the vehicles were ordered to land over the mesh, or why not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    order: Option<String>,
+    /// Total duration, s.
+    seconds: f64,
+    nodes: &'a [Outcome],
+}
+
 /// Result of a command at one node.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
@@ -114,12 +137,15 @@ pub struct Outcome {
     pub node: VehicleName,
     /// Its host.
     pub host: String,
-    /// The result, briefly: `landed`.
+    /// The result, briefly: `landed`. In texts for people a hyphen is a space.
     pub done: &'static str,
     /// Why it failed; `None` if it did not.
     pub why: Option<String>,
     /// Additional information that is not a fault.
     pub note: Option<String>,
+    /// The program and configuration of the next start, after an installation.
+    #[serde(flatten)]
+    pub runs: Option<Installed>,
     /// Duration, s.
     pub seconds: f64,
 }
@@ -127,7 +153,7 @@ pub struct Outcome {
 impl Outcome {
     /// A result with nothing done yet.
     pub fn new(node: &Node) -> Self {
-        Self { node: node.id, host: place(node), done: "", why: None, note: None, seconds: 0.0 }
+        Self { node: node.id, host: place(node), done: "", why: None, note: None, runs: None, seconds: 0.0 }
     }
 
     /// Sets the result to failed.
@@ -139,23 +165,26 @@ impl Outcome {
     /// Formats the result as a line of progress.
     pub fn to_text(&self) -> String {
         let why = self.why.as_ref().map_or_else(String::new, |why| format!(": {why}"));
-        format!("node {} {}{why}", self.node, self.done)
+        format!("node {} {}{why}", self.node, self.done.replace('-', " "))
     }
 
     /// Formats all results as a table.
     pub fn table(all: &[Self]) -> String {
-        let row = |one: &Self| {
-            let remark = one.why.clone().or_else(|| one.note.clone()).unwrap_or_default();
-            let seconds = if one.seconds > 0.0 { format!("{:.1}", one.seconds) } else { String::new() };
-            vec![one.node.to_string(), one.host.clone(), one.done.to_owned(), seconds, remark]
-        };
-        table(&["node", "host", "done", "all s", ""], all.iter().map(row))
+        table(&["node", "host", "done", "all s", ""], all.iter().map(|one| one.row([])))
     }
 
-    /// The nodes of these results, each with whether it failed.
-    pub fn failures(all: &[Self]) -> impl Iterator<Item = (VehicleName, bool)> {
-        all.iter().map(|one| (one.node, one.why.is_some()))
+    /// Its row in a table, with these cells before the last one.
+    pub fn row(&self, more: impl IntoIterator<Item = String>) -> Vec<String> {
+        let Self { node, host, done, why, note, .. } = self;
+        let first = [node.to_string(), host.clone(), done.replace('-', " "), above_zero(self.seconds)];
+        let last = why.clone().or_else(|| note.clone()).unwrap_or_default();
+        first.into_iter().chain(more).chain([last]).collect()
     }
+}
+
+/// Formats a number with one decimal; nothing if it is zero.
+pub(crate) fn above_zero(number: f64) -> String {
+    if number > 0.0 { format!("{number:.1}") } else { String::new() }
 }
 
 /// Shows a line on stderr for each host: a spinner on a terminal, else one line for each stage.

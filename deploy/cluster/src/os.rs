@@ -75,12 +75,15 @@ pub const CAN_FREEZE: bool = cfg!(unix);
 
 /// A random number that no other program can guess or draw again.
 pub fn random() -> u64 {
-    let mut bytes = [0; 8];
     // Without a random source the time and the process id are the best available.
-    match SystemRandom::new().fill(&mut bytes) {
-        Ok(()) => u64::from_le_bytes(bytes),
-        Err(_) => skein_host::clock::utc_nanoseconds() ^ u64::from(std::process::id()) << 40,
-    }
+    let next_best = || skein_host::clock::utc_nanoseconds() ^ u64::from(std::process::id()) << 40;
+    random_bytes().map_or_else(next_best, u64::from_le_bytes)
+}
+
+/// Bytes that no other program can guess or draw again; `None` without a random source.
+pub fn random_bytes<const COUNT: usize>() -> Option<[u8; COUNT]> {
+    let mut bytes = [0; COUNT];
+    SystemRandom::new().fill(&mut bytes).ok().map(|()| bytes)
 }
 
 /// Identifies the present boot of this host; `None` where the system does not name it.

@@ -44,12 +44,8 @@ pub fn pack(inventory: &Inventory, id: VehicleName) -> Result<Bundle, Error> {
 
 impl Bundle {
     fn add(&mut self, path: &str, content: impl Into<Vec<u8>>) {
-        let file = BundleFile { is_secret: false, is_executable: false, content: content.into() };
-        self.files.insert(path.to_owned(), file);
-    }
-
-    fn add_secret(&mut self, path: &str, content: impl Into<Vec<u8>>) {
-        let file = BundleFile { is_secret: true, is_executable: false, content: content.into() };
+        // Of the files that are added here only private keys are secret.
+        let file = BundleFile { is_secret: path.ends_with(".key"), is_executable: false, content: content.into() };
         self.files.insert(path.to_owned(), file);
     }
 
@@ -177,7 +173,7 @@ impl Bundle {
         {
             let (pair, _) = accepted_pair(inventory, &keys, role)?;
             self.add(&format!("{place}.pem"), pair.certificate);
-            self.add_secret(&format!("{place}.key"), pair.key);
+            self.add(&format!("{place}.key"), pair.key);
         }
         self.add(&format!("keys/{AUTHORITY}"), authority.as_str());
         self.add("authority.pem", authority);

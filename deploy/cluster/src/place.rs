@@ -82,7 +82,7 @@ pub fn run(args: &PlaceArgs) -> Result<(), Error> {
     };
     let surveyor = Surveyor::open(&args.xplane.to_string())?;
     let lines = placed(&surveyor, web, &scenario, |_| (!args.weather_only).then_some(start))?;
-    terminal::say(&if args.json { terminal::json(&lines) } else { as_table(&lines) });
+    terminal::say(&if args.json { terminal::json(&lines) } else { as_table(&lines, false) });
     verdict(&lines)
 }
 

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::bundle::hex;
 use skein_lab::error::Error;
 
 /// A version of the GNU C library: major, minor.
@@ -43,7 +44,7 @@ impl Program {
 
     fn new(path: PathBuf, bytes: Vec<u8>) -> Self {
         let digest = ring::digest::digest(&ring::digest::SHA256, &bytes);
-        let sum: String = digest.as_ref().iter().map(|byte| format!("{byte:02x}")).collect();
+        let sum = hex(digest.as_ref());
         let release = format!("{}-{}", env!("CARGO_PKG_VERSION"), &sum[..12]);
         let elf = Elf::open(&bytes);
         let platform = elf.as_ref().and_then(Elf::machine).map(|machine| format!("Linux {machine}"));

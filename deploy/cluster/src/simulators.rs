@@ -13,6 +13,7 @@ use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 
 use crate::ports::{self, HostPort};
+pub use probe::{ask, link};
 use skein_host::parallel::at_once;
 use skein_lab::error::Error;
 
@@ -60,21 +61,13 @@ pub fn addresses(scenario: &Scenario, named: &[HostPort]) -> Result<Vec<String>,
     Ok(addresses)
 }
 
-/// Asks the X-Plane at this address and describes its answer.
-///
-/// # Errors
-/// If it does not answer: a sentence with the reason and the remedy.
-pub fn ask(address: &str) -> Result<String, Error> {
-    probe::simulator_at(address).map_err(Error::Failed)
-}
-
 /// Asks all X-Planes at once. This takes 2 s if one does not answer.
 ///
 /// # Errors
 /// If any does not answer: the error of [`ask`] for each, one a line.
 pub fn ask_all(addresses: &[String]) -> Result<(), Error> {
     let answers = at_once(addresses.iter().map(|address| || ask(address))).into_iter();
-    let silent: Vec<String> = answers.filter_map(Result::err).map(|error| error.to_string()).collect();
+    let silent: Vec<String> = answers.filter_map(Result::err).collect();
     if silent.is_empty() { Ok(()) } else { Err(Error::Failed(silent.join("\n"))) }
 }
 

@@ -99,8 +99,7 @@ pub struct CommandOutput {
 impl CommandOutput {
     /// The last line of standard error that is not empty, made safe for a terminal; else the exit status.
     pub fn error_text(&self) -> String {
-        let line = self.stderr.lines().rev().map(str::trim).find(|line| !line.is_empty());
-        line.map_or_else(|| format!("exit status {}", self.status), |line| printable(line, MAX_SENTENCE))
+        reason::last_line(&self.stderr).unwrap_or_else(|| format!("exit status {}", self.status))
     }
 }
 
@@ -137,20 +136,11 @@ impl Ssh {
         let (stdout, stderr) = (stdout.text(), stderr.text());
         let divided = marks.divide(&stdout);
         let ended = divided.as_ref().and_then(|divided| divided.end);
-        // The account's shell may end with another status than the command, also with 255, which is ssh's own.
-        match ended.map(|(_, status)| status).or_else(|| status.code()) {
-            Some(255) if ended.is_none() => Err(reason::sentence(host, &stderr, || self.keys(host))),
-            Some(status) => match divided {
-                Some(divided) => {
-                    let around = [divided.before.trim(), ended.map_or("", |(after, _)| after)];
-                    let around = around.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n");
-                    let (stdout, stderr) = (divided.own.to_owned(), marks.error(&stderr).to_owned());
-                    Ok(CommandOutput { status, stdout, stderr, of_shell: printable(&around, MAX_SENTENCE) })
-                }
-                None => Err(not_begun(host, status, &stdout, &stderr)),
-            },
-            None => Err(format!("{host}: ssh was {}", os::how_it_ended(status))),
-        }
+        let status = self.status(host, ended.map(|(_, status)| status), status, &stderr)?;
+        let Some(divided) = divided else { return Err(not_begun(host, status, &stdout, &stderr)) };
+        let around = joined([divided.before.trim(), ended.map_or("", |(after, _)| after)]);
+        let (stdout, stderr) = (divided.own.to_owned(), marks.error(&stderr).to_owned());
+        Ok(CommandOutput { status, stdout, stderr, of_shell: printable(&around, MAX_SENTENCE) })
     }
 
     /// Runs a command on a host and passes each line of its output to `line` until it ends. Standard input stays open
@@ -187,16 +177,23 @@ impl Ssh {
         }
         let status = child.wait().map_err(|error| format!("{host}: {error}"))?;
         let stderr = stderr.text();
-        match ended.or_else(|| status.code()) {
-            Some(255) if ended.is_none() => Err(reason::sentence(host, &stderr, || self.keys(host))),
-            Some(status) if !is_begun => Err(not_begun(host, status, "", &stderr)),
-            Some(0) => Ok(()),
-            Some(status) => {
-                let (stderr, stdout) = (marks.error(&stderr).to_owned(), String::new());
-                let output = CommandOutput { status, stdout, stderr, of_shell: String::new() };
-                Err(format!("{host}: {}", output.error_text()))
+        match self.status(host, ended, status, &stderr)? {
+            status if !is_begun => Err(not_begun(host, status, "", &stderr)),
+            0 => Ok(()),
+            status => {
+                let why = reason::last_line(marks.error(&stderr));
+                Err(format!("{host}: {}", why.unwrap_or_else(|| format!("exit status {status}"))))
             }
-            None => Err(format!("{host}: ssh was {}", os::how_it_ended(status))),
+        }
+    }
+
+    /// The exit status of the command, if the mark at its end says it, else that of the account's shell, which may be another.
+    fn status(&self, host: &Host, marked: Option<i32>, ssh: ExitStatus, stderr: &str) -> Result<i32, String> {
+        match marked.or_else(|| ssh.code()) {
+            // ssh's own.
+            Some(255) if marked.is_none() => Err(reason::sentence(host, stderr, || self.keys(host))),
+            Some(status) => Ok(status),
+            None => Err(format!("{host}: ssh was {}", os::how_it_ended(ssh))),
         }
     }
 
@@ -264,9 +261,7 @@ impl Ssh {
 
 /// The sentence for a login shell that ended without running the command.
 fn not_begun(host: &Host, status: i32, stdout: &str, stderr: &str) -> String {
-    let printed =
-        [stdout.trim(), stderr.trim()].into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n");
-    let printed = match printed.as_str() {
+    let printed = match joined([stdout.trim(), stderr.trim()]).as_str() {
         "" => String::new(),
         printed => format!(" and printed \"{}\"", printable(printed, MAX_SENTENCE)),
     };
@@ -274,6 +269,11 @@ fn not_begun(host: &Host, status: i32, stdout: &str, stderr: &str) -> String {
         "{host}: the login shell of this account ended with status {status} without running the command{printed}; check the \
          shell and its startup files with `ssh {host} true`"
     )
+}
+
+/// These texts, those that are not empty one below the other.
+fn joined(texts: [&str; 2]) -> String {
+    texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n")
 }
 
 /// Returns the `ControlPath` of shared connections, if the folder can be private to this user and its path is short

@@ -19,7 +19,7 @@ use super::nodes;
 use crate::FileArgs;
 use crate::inventory::Inventory;
 use crate::mesh::observe::{Observers, TraceSubscription};
-use crate::mesh::reach::Place;
+use crate::mesh::reach::{Place, SwarmArgs};
 use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
@@ -45,6 +45,18 @@ pub struct ClusterStatusArgs {
     pub shown: ShownArgs,
 }
 
+/// `skein status`
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Examples:\n  skein status\n  skein status -w\n  skein status -f cluster.toml --json")]
+pub struct StatusArgs {
+    /// The swarm.
+    #[command(flatten)]
+    pub swarm: SwarmArgs,
+    /// How to show it.
+    #[command(flatten)]
+    pub shown: ShownArgs,
+}
+
 /// Options of a command that shows the status.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct ShownArgs {
@@ -56,31 +68,21 @@ pub struct ShownArgs {
     pub json: bool,
 }
 
-/// A node that there should be.
-#[derive(Clone, Debug)]
-struct ListedNode {
-    id: VehicleName,
-    host: Option<String>,
-    endpoint: String,
-}
-
-/// The nodes of a swarm, in the order of ids.
-fn listed(place: &Place) -> Vec<ListedNode> {
+/// The nodes that a swarm should have, in the order of ids, without reports.
+fn listed(place: &Place) -> Vec<NodeStatus> {
+    let node = |id: &VehicleName, host: Option<&String>, endpoint: String| NodeStatus {
+        id: *id,
+        team: id.team,
+        host: host.cloned(),
+        endpoint,
+        report: None,
+        why: None,
+    };
     match place {
-        Place::Here(there) => {
-            let node = |(id, endpoint): (&VehicleName, &String)| ListedNode {
-                id: *id,
-                host: None,
-                endpoint: endpoint.clone(),
-            };
-            there.agents.iter().map(node).collect()
-        }
+        Place::Here(there) => there.agents.iter().map(|(id, endpoint)| node(id, None, endpoint.clone())).collect(),
         Place::Cluster(inventory) => {
-            let nodes = inventory.nodes.iter().map(|(id, node)| {
-                let endpoint = node.endpoint(inventory.security);
-                ListedNode { id: *id, host: node.host.clone(), endpoint }
-            });
-            nodes.collect()
+            let nodes = inventory.nodes.values();
+            nodes.map(|own| node(&own.id, own.host.as_ref(), own.endpoint(inventory.security))).collect()
         }
     }
 }
@@ -182,17 +184,14 @@ impl SwarmStatus {
     }
 
     /// Determines the status of these nodes from the received messages.
-    fn of(swarm: &SwarmName, listed: &[ListedNode], observer: &Observers, now: Instant) -> Self {
-        let node = |ListedNode { id, host, endpoint }: &ListedNode| {
-            let peers = listed.iter().filter(|other| other.id.team == id.team).count() - 1;
-            let health = observer.health_of(*id).filter(|(_, at)| now.saturating_duration_since(*at) < SILENT);
+    fn of(swarm: &SwarmName, listed: &[NodeStatus], observer: &Observers, now: Instant) -> Self {
+        let node = |node: &NodeStatus| {
+            let peers = listed.iter().filter(|other| other.team == node.team).count() - 1;
+            let health = observer.health_of(node.id).filter(|(_, at)| now.saturating_duration_since(*at) < SILENT);
             NodeStatus {
-                id: *id,
-                team: id.team,
-                host: host.clone(),
-                endpoint: endpoint.clone(),
                 report: health.map(|(health, _)| HealthReport::of(health, peers)),
-                why: if health.is_some() { None } else { stray(observer, *id) },
+                why: if health.is_some() { None } else { stray(observer, node.id) },
+                ..node.clone()
             }
         };
         Self { swarm: swarm.to_string(), nodes: listed.iter().map(node).collect() }
@@ -302,7 +301,7 @@ fn remedy(place: &Place) -> String {
 }
 
 /// Receives messages until `until`, or if `early` until every node has reported.
-fn listen(observer: &mut Observers, listed: &[ListedNode], until: Instant, early: bool) {
+fn listen(observer: &mut Observers, listed: &[NodeStatus], until: Instant, early: bool) {
     loop {
         observer.poll();
         let all = listed.iter().all(|node| observer.health_of(node.id).is_some());

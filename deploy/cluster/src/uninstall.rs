@@ -3,7 +3,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use serde::Serialize;
 use skein_common::id::VehicleName;
 
 use super::down;
@@ -28,23 +27,12 @@ pub struct UninstallArgs {
     pub timeout_s: Option<f64>,
 }
 
-/// Result of the command.
-#[derive(Debug, Serialize)]
-struct UninstallReport {
-    swarm: String,
-    /// Total duration, s.
-    seconds: f64,
-    nodes: Vec<Outcome>,
-}
-
 /// Runs the command.
 ///
 /// # Errors
 /// If a vehicle flies, and then nothing is done; if the cluster file is wrong, or any node failed.
 pub fn run(args: &UninstallArgs) -> Result<(), Error> {
-    let chosen = args.nodes.read()?;
-    let ssh = args.nodes.ssh();
-    let progress = args.nodes.progress();
+    let (chosen, ssh, progress) = args.nodes.begin()?;
     let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
     let hosts = chosen.hosts();
     let within_s = args.timeout_s.unwrap_or_else(|| chosen.inventory.landing_s());
@@ -86,11 +74,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
     let left = chosen.manual().map(|node| Outcome { done: "left", note: note(), ..Outcome::new(node) });
     let mut outcomes: Vec<Outcome> = removed.into_iter().map(|(_, outcome)| outcome).chain(left).collect();
     outcomes.sort_by_key(|outcome| outcome.node);
-    let seconds = progress.seconds();
-    drop(progress);
-    let report = UninstallReport { swarm: chosen.inventory.swarm.to_string(), seconds, nodes: outcomes };
-    args.nodes.show(&report, || Outcome::table(&report.nodes));
-    nodes::fail_if_any(Outcome::failures(&report.nodes), "failed")
+    args.nodes.end(&chosen, progress, (None, &outcomes), "failed")
 }
 
 /// Returns whether a node's vehicle flies, or why that is unknown.

@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use crate::keys::{self, Role};
 use crate::mesh::reach::Reach;
-use ring::rand::{SecureRandom, SystemRandom};
 use serde::Serialize;
 use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::VehicleName;
@@ -22,6 +21,7 @@ use crate::findings;
 use crate::inventory::{Inventory, Node, SecurityKind};
 use crate::keys::run::Record;
 use crate::mesh::ready::{CONTACT_TIMEOUT, POLL_PERIOD, Watch};
+use crate::os;
 use skein_host::clock;
 use skein_lab::error::Error;
 
@@ -88,10 +88,8 @@ enum Readiness {
 /// # Errors
 /// If the cluster file or the keys are wrong, or not every vehicle is ready in time; the others fly then.
 pub fn run(args: &UpArgs) -> Result<(), Error> {
-    let chosen = args.nodes.read()?;
+    let (chosen, ssh, progress) = args.nodes.begin()?;
     keys::check_for_flight(&chosen.inventory, clock::utc())?;
-    let ssh = args.nodes.ssh();
-    let progress = args.nodes.progress();
     let reaches = chosen.inventory.reaches(Role::Operator)?;
     // Receive from the beginning, so that the vehicles in flight are known when the last host has answered.
     let mut watch = Watch::open(&reaches, 0)?;
@@ -391,9 +389,7 @@ impl StartReport {
 
 /// Draws the number of a new run: random, so that it is never used twice, and not 0.
 fn draw() -> Result<u64, Error> {
-    let mut bytes = [0; 8];
-    let drawn = SystemRandom::new().fill(&mut bytes);
-    drawn.map_err(|_| Error::Failed("the system gives no random numbers".to_owned()))?;
+    let bytes = os::random_bytes().ok_or_else(|| Error::Failed("the system gives no random numbers".to_owned()))?;
     Ok(u64::from_le_bytes(bytes) % (RUNS - 1) + 1)
 }
 
@@ -440,7 +436,7 @@ mod tests {
         let program = folder.path().join("home/.skein/lab/releases/r1/skein");
         fs::create_dir_all(program.parent().unwrap()).unwrap();
         fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >asked\necho '{answer}'\n")).unwrap();
-        crate::os::set_mode(&program, 0o755).unwrap();
+        os::set_mode(&program, 0o755).unwrap();
         let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
         let mut rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, StartedNode::new(node))).collect();
         let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
@@ -462,7 +458,7 @@ mod tests {
         let answer =
             serde_json::to_string(&Answer::Placed(vec!["place ok: 0 m from its start, by UDP".to_owned()])).unwrap();
         fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >>asked\necho '{answer}'\n")).unwrap();
-        crate::os::set_mode(&program, 0o755).unwrap();
+        os::set_mode(&program, 0o755).unwrap();
         let xplanes = "[defaults]\nplant = 'xplane'\nxplane = '127.0.0.1:49000'";
         let inventory = lab(folder.path(), 3, xplanes);
         let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
@@ -491,7 +487,7 @@ mod tests {
         fs::create_dir_all(program.parent().unwrap()).unwrap();
         let answer = serde_json::to_string(&Answer::Carries(Some("1 agent asks for 1.2 cores".to_owned()))).unwrap();
         fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >>asked\necho '{answer}'\n")).unwrap();
-        crate::os::set_mode(&program, 0o755).unwrap();
+        os::set_mode(&program, 0o755).unwrap();
         let full_of = |vehicles: usize, runs: bool| {
             let inventory = lab(folder.path(), vehicles, "");
             let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };

@@ -27,7 +27,7 @@ pub(super) fn run(wait: Duration, as_json: bool) -> Result<(), Error> {
         let others: Vec<Line> = machine::lines().into_iter().chain(network::lines()).collect();
         others.into_iter().chain(beacon.join()).collect()
     });
-    say(&if as_json { json(&lines) } else { as_table(&lines) });
+    say(&if as_json { json(&lines) } else { as_table(&lines, false) });
     verdict(&lines)
 }
 

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use serde_json::json;
 use skein_agent::plant::xplane::client::RANDOM_FAILURES;
+use skein_agent::plant::xplane::discovery::FoundSimulator;
 use skein_agent::plant::xplane::placing::{LEVEL_WITHIN_M, NEAR_ORIGIN_M, from_origin_m};
 use skein_common::frame::Origin;
 use skein_common::scenario::{Scenario, Vehicle};
@@ -96,7 +97,7 @@ pub(crate) fn run(args: &XplaneCheckArgs) -> Result<(), Error> {
     if let Some(path) = &args.report {
         write_report(path, &surveyor, &profile, &lines, REPORTED)?;
     }
-    terminal::say(&if args.json { terminal::json(&lines) } else { findings::as_table(&lines) });
+    terminal::say(&if args.json { terminal::json(&lines) } else { findings::as_table(&lines, false) });
     verdict(&lines)
 }
 
@@ -193,12 +194,13 @@ fn version(place: &str, survey: &Survey) -> Line {
     if number >= 110_000 { line } else { line.warning("Skein is made for X-Plane 11 and 12") }
 }
 
-fn announces(place: &str, port: u16, heard: Result<Vec<discover::FoundXPlane>, Error>) -> Line {
+fn announces(place: &str, port: u16, heard: Result<Vec<FoundSimulator>, Error>) -> Line {
     match heard {
         Err(error) => Line::new(place, "beacon", error.to_string()).unknown(),
         Ok(found) => match found.iter().find(|found| found.port == port) {
             Some(found) => {
-                Line::new(place, "beacon", format!("{} on {}{}", found.version, found.computer, found.over()))
+                let (version, over) = (version_text(found.version), discover::over(found));
+                Line::new(place, "beacon", format!("{version} on {}{over}", found.computer))
             }
             None => {
                 Line::new(place, "beacon", "not received; needed only to find X-Planes without an address").unknown()

@@ -13,10 +13,10 @@ use super::launch::{Site, prepare_site};
 use super::plan::Plans;
 use super::stream::{Happened, Line, Stream};
 use crate::record::{FleetRecorder, told};
-use skein_cluster::check::as_table;
 use skein_cluster::display::screen::Screen;
 use skein_cluster::display::status::{self, FlightStatus};
 use skein_cluster::endpoints::EndpointsFile;
+use skein_cluster::findings::as_table;
 use skein_cluster::os::Interrupts;
 use skein_cluster::place;
 use skein_host::clock;
@@ -81,7 +81,7 @@ impl Flights {
         // Of a swarm that flies here already nothing was placed: it is refused before.
         for plan in plans.iter().filter(|plan| !plan.xplanes.is_empty()) {
             let lines = place::before_flight(plan.scenario(), &plan.xplanes, || interrupts.count() > 0);
-            complain(as_table(&lines).trim_end());
+            complain(as_table(&lines, true).trim_end());
         }
         let fleet = described.first().scenario.team.map(|team| Origin::new(team.origin.geodetic()));
         let separations = fleet.map(|fleet| Separations { across: Across::new(fleet), since: None });

@@ -127,20 +127,16 @@ fn agent_file(
     simulator: Option<&String>,
 ) -> String {
     let agent = |name: VehicleName| endpoints.agents.get(&name).cloned();
-    let mut file = toml::Table::new();
-    file.insert("scenario".to_owned(), scenario.into());
-    let id = match name.team {
+    let id: toml::Value = match name.team {
         Some(_) => name.to_string().into(),
         None => i64::from(name.vehicle.get()).into(),
     };
-    file.insert("id".to_owned(), id);
-    file.insert("listen".to_owned(), agent(name).into_iter().collect::<Vec<_>>().into());
-    let dial = fleet::dialled(name, described.all()).filter_map(agent);
-    file.insert("dial".to_owned(), dial.collect::<Vec<_>>().into());
-    if let Some(simulator) = simulator {
-        file.insert("xplane".to_owned(), simulator.clone().into());
-    }
-    file.to_string()
+    let listen = agent(name).into_iter().collect::<Vec<_>>().into();
+    let dial = fleet::dialled(name, described.all()).filter_map(agent).collect::<Vec<_>>().into();
+    let keys = [("scenario", scenario.into()), ("id", id), ("listen", listen), ("dial", dial)];
+    let xplane = simulator.map(|simulator| ("xplane", simulator.as_str().into()));
+    let keys = keys.into_iter().chain(xplane).map(|(key, value)| (key.to_owned(), value));
+    toml::Table::from_iter(keys).to_string()
 }
 
 /// Starts a stand-in for every vehicle. Gives their addresses.

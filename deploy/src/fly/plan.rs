@@ -182,7 +182,7 @@ mod tests {
             ..args(&["swarm.vehicles=1"])
         };
         let error = Plans::new(&args).unwrap_err();
-        assert_eq!((error.to_string(), error.exit_code()), (simulators::ask(&address).unwrap_err().to_string(), 1));
+        assert_eq!((error.to_string(), error.exit_code()), (simulators::ask(&address).unwrap_err(), 1));
         assert!(!folder.path().join("run").exists());
         let against = FlyArgs { plant: Some(PlantArg(PlantKind::Builtin)), ..args };
         assert_eq!(Plans::new(&against).unwrap_err().exit_code(), 2);

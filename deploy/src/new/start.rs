@@ -2,12 +2,14 @@
 
 use std::path::Path;
 
+use skein_agent::plant::xplane::discovery::FoundSimulator;
+use skein_cluster::simulators::survey::version_text;
 use skein_common::scenario::Source;
 use skein_core::aircraft::Aircraft;
 use skein_lab::error::Error;
 use skein_lab::shipped::{self, CLUSTER, HOVER, LAWS, MATLAB_STUDY, TABLE_READER};
 
-use super::discover::{self, FoundXPlane};
+use super::discover;
 use super::{Language, Name, NewKind, ScriptLanguage};
 
 /// A file to be written.
@@ -175,7 +177,7 @@ fn cluster(name: &Name) -> Start {
     Start { files, next: cluster_commands() }
 }
 
-fn found_cluster(name: &Name, found: &[FoundXPlane]) -> Start {
+fn found_cluster(name: &Name, found: &[FoundSimulator]) -> Start {
     let mut text = format!(
         "# A cluster: the host of each vehicle, one for each X-Plane that was found. Each `xplane` is where X-Plane\n\
          # runs. Its agent may run on another PC: put that PC in as `host`, and keep `xplane`.\n\
@@ -185,7 +187,8 @@ fn found_cluster(name: &Name, found: &[FoundXPlane]) -> Start {
          # user = \"lab\"                              # login name; default: that of ssh's own configuration\n"
     );
     for (nth, xplane) in found.iter().enumerate() {
-        let FoundXPlane { address, port, version, computer, .. } = xplane;
+        let FoundSimulator { address, port, computer, .. } = xplane;
+        let version = version_text(xplane.version);
         text += &format!(
             "\n[node.{}]                                    # X-Plane {version} on {computer}\nhost = \"{address}\"\n\
              xplane = \"{address}:{port}\"                 # as seen from the node, which may be another PC\n",
@@ -251,10 +254,10 @@ mod tests {
 
     #[test]
     fn a_cluster_has_a_node_for_each_x_plane_that_was_found() {
-        let found = |last: u8, port: u16| FoundXPlane {
-            address: format!("10.0.0.{last}"),
+        let found = |last: u8, port: u16| FoundSimulator {
+            address: [10, 0, 0, last].into(),
             port,
-            version: "12.1.4".to_owned(),
+            version: 121_400,
             computer: "heli".to_owned(),
             interface: None,
         };

@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use skein_cluster::keys::Role;
 use skein_common::id::TeamId;
-use skein_common::message::Severity;
 use skein_common::scenario::{Described, Scenario, Source, load};
 
 use super::{FleetRecorder, Recorder};
@@ -235,20 +234,14 @@ fn begin(reach: &Reach, out: &Path) -> Result<Recorder, Error> {
         .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
     let scenario = &loaded.scenario;
     let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
-    Recorder::begin(out, &about, scenario.record.hz.live_hz()).map_err(|error| about_file(out, &[], error))
+    Recorder::begin(out, &about, Some(scenario.record.hz.live_hz())).map_err(|error| about_file(out, &[], error))
 }
 
 fn put(recorder: &mut Recorder, received: &SwarmMessage, at: Instant) {
     match received {
         SwarmMessage::Trace(trace) => recorder.step(at, trace),
         SwarmMessage::Event(event) => recorder.happened(at, event),
-        SwarmMessage::Appeared(id) => {
-            recorder.note(at, Severity::Info, &format!("vehicle {id}"), "its agent has appeared")
-        }
-        SwarmMessage::Vanished(id) => {
-            recorder.note(at, Severity::Error, &format!("vehicle {id}"), "its agent has disappeared")
-        }
-        SwarmMessage::Health(_) | SwarmMessage::Mission(_) | SwarmMessage::Summary(_) => {}
+        other => other.note().iter().for_each(|(severity, who, what)| recorder.note(at, *severity, who, what)),
     }
 }
 

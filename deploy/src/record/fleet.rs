@@ -37,7 +37,8 @@ impl FleetRecorder {
         let team = scenario.team.ok_or_else(|| Error::Refused("one swarm is not a fleet".to_owned()))?;
         let run = Run::of_all(described.all().iter().map(|team| &team.scenario), "fly");
         let about = RecordingInfo { scenario, scenario_toml: &described.to_toml(), run: &run, clock: "" };
-        let file = Recorder::of_fleet(path, &about).map_err(|error| Error::Failed(format!("no recording: {error}")))?;
+        let file =
+            Recorder::begin(path, &about, None).map_err(|error| Error::Failed(format!("no recording: {error}")))?;
         let (origin, period) = (Origin::new(team.origin.geodetic()), Duration::from_secs_f64(1.0 / team.record_hz));
         Ok(Self { file, origin, period, window: None, samples: 0 })
     }

@@ -42,31 +42,19 @@ type FileWriter = Writer<BufWriter<File>>;
 
 impl Recorder {
     /// Creates the file at `path` and records each vehicle `hz` times a second of its simulator's time, or at every
-    /// step if it steps less often.
+    /// step if it steps less often. Without `hz` it is the file of a fleet, which has places, events and faults.
     ///
     /// # Errors
     /// If the file exists already or cannot be written.
-    pub fn begin(path: &Path, about: &RecordingInfo<'_>, hz: f64) -> Result<Self, RecordError> {
-        Self::with(path, about, hz, false)
-    }
-
-    /// Creates the file of a fleet at `path`, which has places, events and faults.
-    ///
-    /// # Errors
-    /// The errors of [`Self::begin`].
-    pub(super) fn of_fleet(path: &Path, about: &RecordingInfo<'_>) -> Result<Self, RecordError> {
-        Self::with(path, about, f64::INFINITY, true)
-    }
-
-    fn with(path: &Path, about: &RecordingInfo<'_>, hz: f64, is_fleet: bool) -> Result<Self, RecordError> {
+    pub fn begin(path: &Path, about: &RecordingInfo<'_>, hz: Option<f64>) -> Result<Self, RecordError> {
         let io = |error: io::Error| RecordError::Io { path: path.to_owned(), error };
         let file = File::options().write(true).create_new(true).open(path).map_err(io)?;
         let synced = file.try_clone().map_err(io)?;
         let utc = Utc::read();
         let about = RecordingInfo { clock: CLOCK, ..*about };
         let (to, now_ns) = (BufWriter::new(file), utc.nanoseconds(clock::now()));
-        let writer =
-            if is_fleet { Writer::begin_fleet(to, &about, now_ns)? } else { Writer::begin(to, &about, now_ns)? };
+        let begin = if hz.is_some() { Writer::begin } else { Writer::begin_fleet };
+        let writer = begin(to, &about, now_ns)?;
         let (queue, entries) = sync_channel(QUEUE);
         let thread = thread::Builder::new().name("record".to_owned());
         let (path, dropped) = (path.to_owned(), Arc::new(AtomicU64::new(0)));
@@ -74,7 +62,7 @@ impl Recorder {
         let writing = thread
             .spawn(move || write(writer, &entries, &of_thread, synced, path))
             .map_err(|error| RecordError::Io { path: PathBuf::from("thread"), error })?;
-        Ok(Self { queue, writing, utc, rate: Rate::new(hz), dropped, steps: 0 })
+        Ok(Self { queue, writing, utc, rate: Rate::new(hz.unwrap_or(f64::INFINITY)), dropped, steps: 0 })
     }
 
     /// Records a trace that was received at this instant, if the rate limit lets it through.
@@ -257,7 +245,7 @@ mod tests {
         let loaded = ScenarioArgs::default().read(Vec::new()).unwrap();
         let run = skein_lab::metrics::Run::new(&loaded.scenario, "fly");
         let about = RecordingInfo { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
-        assert!(matches!(Recorder::begin(&path, &about, 50.0), Err(RecordError::Io { .. })));
+        assert!(matches!(Recorder::begin(&path, &about, Some(50.0)), Err(RecordError::Io { .. })));
         assert_eq!(std::fs::read(&path).unwrap(), b"precious");
     }
 }

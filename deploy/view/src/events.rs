@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use skein_common::id::VehicleName;
 use skein_common::message::Severity;
 use skein_host::clock;
@@ -14,15 +14,6 @@ use super::snapshot::rounded;
 
 /// Largest number of events that are kept of a live swarm.
 const MOST_KEPT: usize = 5_000;
-
-/// How bad an event is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum EventLevel {
-    Info,
-    Warn,
-    Bad,
-}
 
 /// An event as the page receives it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -34,49 +25,40 @@ pub(super) struct Event {
     pub(super) at_ms: Option<u64>,
     pub(super) vehicle: Option<String>,
     pub(super) text: String,
-    pub(super) level: EventLevel,
+    #[serde(serialize_with = "as_level")]
+    pub(super) level: Severity,
 }
 
-/// The message with the events of the past.
+/// A severity as the page names it.
+fn as_level<S: Serializer>(severity: &Severity, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(match severity {
+        Severity::Info => "info",
+        Severity::Warning => "warn",
+        Severity::Error => "bad",
+    })
+}
+
+/// A message to the page.
 #[derive(Serialize)]
-#[serde(tag = "type", rename = "events")]
-struct Past {
-    events: Vec<Event>,
+#[serde(tag = "type", rename_all = "snake_case")]
+pub(super) enum EventMessage {
+    /// The events of the past.
+    Events { events: Vec<Event> },
+    /// One new event.
+    Event(Event),
 }
 
-/// The message with one event.
-#[derive(Serialize)]
-#[serde(tag = "type", rename = "event")]
-struct News {
-    #[serde(flatten)]
-    event: Event,
-}
-
-/// The message with events of the past.
-pub(super) fn past(events: Vec<Event>) -> String {
-    // Structs of numbers and texts always have a JSON form.
-    serde_json::to_string(&Past { events }).unwrap_or_default()
-}
-
-/// The message with one new event.
-pub(super) fn news(event: Event) -> String {
-    serde_json::to_string(&News { event }).unwrap_or_default()
+impl EventMessage {
+    pub(super) fn to_json(&self) -> String {
+        // Structs of numbers and texts always have a JSON form.
+        serde_json::to_string(self).unwrap_or_default()
+    }
 }
 
 impl From<&PlayedEvent> for Event {
     fn from(PlayedEvent { t_s, vehicle, text, severity, .. }: &PlayedEvent) -> Self {
         let vehicle = vehicle.map(|name| name.to_string());
-        Self { t_s: Some(rounded(*t_s)), at_ms: None, vehicle, text: text.clone(), level: (*severity).into() }
-    }
-}
-
-impl From<Severity> for EventLevel {
-    fn from(severity: Severity) -> Self {
-        match severity {
-            Severity::Info => Self::Info,
-            Severity::Warning => Self::Warn,
-            Severity::Error => Self::Bad,
-        }
+        Self { t_s: Some(rounded(*t_s)), at_ms: None, vehicle, text: text.clone(), level: *severity }
     }
 }
 
@@ -144,7 +126,7 @@ impl EventLog {
             at_ms: Some(at_ms(at)),
             vehicle: Some(vehicle.to_string()),
             text,
-            level: severity.into(),
+            level: severity,
         };
         (events.into_iter().map(shown).collect(), next)
     }

@@ -1,6 +1,5 @@
 //! The first message to a page: the swarm, its vehicles, and the scenario that they fly.
 
-use serde::Serialize;
 use serde_json::{Value, json};
 use skein_common::id::VehicleName;
 use skein_common::message::{FACTS, Fact, FactLine};
@@ -14,14 +13,6 @@ use skein_cluster::display::status;
 /// Version of the protocol between page and server.
 const VERSION: u32 = 1;
 
-/// Where the snapshots come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum SourceKind {
-    Live,
-    Recording,
-}
-
 /// The rule for orders of the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OrderRule {
@@ -30,15 +21,8 @@ pub(super) enum OrderRule {
     AllowedWithToken,
 }
 
-/// First and last time of a recording, s.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Span {
-    pub(super) from_s: Option<f64>,
-    pub(super) to_s: Option<f64>,
-}
-
-/// The message. `teams` are the swarm, or the teams of the fleet.
-pub(super) fn hello(teams: &[Team], source: SourceKind, title: &str, span: Span, orders: OrderRule) -> String {
+/// The message. `teams` are the swarm, or the teams of the fleet; `span_s` are the first and the last time of a recording.
+pub(super) fn hello(teams: &[Team], title: &str, span_s: Option<(f64, f64)>, orders: OrderRule) -> String {
     let first = teams.first();
     let scenarios: Vec<Value> = teams.iter().map(|team| scenario(&team.scenario)).collect();
     let common = scenarios.first();
@@ -56,14 +40,14 @@ pub(super) fn hello(teams: &[Team], source: SourceKind, title: &str, span: Span,
     json!({
         "type": "hello",
         "version": VERSION,
-        "source": source,
+        "source": if span_s.is_some() { "recording" } else { "live" },
         "swarm": first.map(|team| team.scenario.swarm.name.as_str()),
         "title": title,
         "orders": orders != OrderRule::Refused,
         "needs_token": orders == OrderRule::AllowedWithToken,
         "duration_s": first.and_then(|team| team.scenario.duration_s),
-        "from_s": span.from_s,
-        "to_s": span.to_s,
+        "from_s": span_s.map(|(from_s, _)| from_s),
+        "to_s": span_s.map(|(_, to_s)| to_s),
         "scenario": common,
         "facts": FACTS.iter().filter_map(card_line).collect::<Vec<_>>(),
         "vehicles": vehicles.collect::<Vec<_>>(),

@@ -21,7 +21,7 @@ use tokio::sync::watch;
 use super::events::EventLog;
 use super::field::{self, Field};
 use super::foxglove;
-use super::hello::{self, OrderRule, SourceKind, Span};
+use super::hello::{self, OrderRule};
 use super::snapshot::{Snapshot, Team, add_nearest, team_place, vehicles};
 use super::verdict::{self, Judged};
 use skein_cluster::display::status::Known;
@@ -285,7 +285,7 @@ impl Watched {
         let described = place.described()?;
         let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
         let observers = Observers::open(&reaches, TraceSubscription::Off)?;
-        let hello = hello::hello(&teams, SourceKind::Live, place.swarm().as_str(), Span::default(), orders).into();
+        let hello = hello::hello(&teams, place.swarm().as_str(), None, orders).into();
         let (teams, zero, wanted) = (Arc::new(teams), None, None);
         let (answered, is_complete, others) = (now, false, None);
         let watched = Self { place, reaches, observers, teams, hello, answered, zero, wanted, is_complete, others };

@@ -12,13 +12,13 @@ use skein_host::clock;
 use skein_lab::record::{FILE, FLEET_FILE, PlayedEvent, Player, RecordError};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
-use super::events::{self, Event};
+use super::events::{Event, EventMessage};
 use super::field::{self, Field};
-use super::hello::{self, OrderRule, SourceKind, Span};
+use super::hello::{self, OrderRule};
 use super::live::Problem;
 use super::orders;
 use super::snapshot::{Snapshot, Status, Team, Vehicle, add_nearest, team_place, vehicles};
-use super::socket::{Ask, Wishes, send};
+use super::socket::{Ask, Wishes, next, send};
 use super::verdict::{self, Judged};
 use skein_cluster::display::status::Known;
 
@@ -45,7 +45,7 @@ pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) {
             return;
         }
     };
-    let past = events::past(recording.events.iter().map(Event::from).collect());
+    let past = EventMessage::Events { events: recording.events.iter().map(Event::from).collect() }.to_json();
     for message in [recording.hello.clone(), past] {
         if !send(&mut socket, Message::text(message)).await {
             return;
@@ -66,18 +66,15 @@ pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) {
                     }
                 }
             }
-            message = socket.recv() => match message {
-                Some(Ok(Message::Text(text))) => match Ask::parse(&text) {
-                    Some(Ask::Order(_)) => {
-                        let answer = orders::answer("a recording takes no orders", false);
-                        if !send(&mut socket, Message::text(answer)).await {
-                            return;
-                        }
+            ask = next(&mut socket) => match ask {
+                Some(Ask::Order(_)) => {
+                    let answer = orders::answer("a recording takes no orders", false);
+                    if !send(&mut socket, Message::text(answer)).await {
+                        return;
                     }
-                    ask => page.take(ask, recording.span_s),
-                },
-                Some(Ok(Message::Binary(_) | Message::Ping(_) | Message::Pong(_))) => {}
-                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                }
+                Some(ask) => page.take(ask, recording.span_s),
+                None => return,
             },
         }
     }
@@ -110,14 +107,13 @@ struct PlayingPage {
 
 impl PlayingPage {
     /// Takes in a request of the page.
-    fn take(&mut self, ask: Option<Ask>, span_s: (f64, f64)) {
+    fn take(&mut self, ask: Ask, span_s: (f64, f64)) {
         match ask {
-            Some(Ask::Play { at_s, speed }) if at_s.is_finite() && speed.is_finite() => {
+            Ask::Play { at_s, speed } if at_s.is_finite() && speed.is_finite() => {
                 let at_s = at_s.clamp(span_s.0, span_s.1);
                 self.position = Some((at_s, Instant::now(), speed.clamp(0.0, FASTEST)));
             }
-            Some(ask) => self.wishes.take(ask),
-            None => return,
+            ask => self.wishes.take(ask),
         }
         self.is_due = true;
     }
@@ -152,9 +148,8 @@ impl Recording {
         let mut player = Player::open(path)?;
         let teams: Vec<Team> = player.described().all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
         let span_s = player.span_s();
-        let span = Span { from_s: Some(span_s.0), to_s: Some(span_s.1) };
         let title = path.display().to_string();
-        let hello = hello::hello(&teams, SourceKind::Recording, &title, span, OrderRule::Refused);
+        let hello = hello::hello(&teams, &title, Some(span_s), OrderRule::Refused);
         let events = player.events()?;
         let slowest_hz = match teams.first().map(|team| team.scenario.record.hz) {
             Some(RecordRate::Hz(hz)) => hz,

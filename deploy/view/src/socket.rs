@@ -13,11 +13,12 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, timeout};
 
+use super::events::EventMessage;
 use super::field::Field;
 use super::live::Frame;
 use super::orders::{PageOrder, Rule};
 use super::snapshot::LARGE;
-use super::{events, live, orders};
+use super::{live, orders};
 
 /// Longest time that a slow page may take to receive a message.
 const SENT_WITHIN: Duration = Duration::from_secs(5);
@@ -91,6 +92,20 @@ impl Wishes {
     }
 }
 
+/// The next request of a page; `None` if the page is gone. A message that this server does not know is passed over.
+pub(super) async fn next(socket: &mut WebSocket) -> Option<Ask> {
+    loop {
+        match socket.recv().await?.ok()? {
+            Message::Text(text) => match Ask::parse(&text) {
+                None => {}
+                known => return known,
+            },
+            Message::Binary(_) | Message::Ping(_) | Message::Pong(_) => {}
+            Message::Close(_) => return None,
+        }
+    }
+}
+
 /// Sends a message; false if the page is gone or too slow.
 pub(super) async fn send(socket: &mut WebSocket, message: Message) -> bool {
     matches!(timeout(SENT_WITHIN, socket.send(message)).await, Ok(Ok(())))
@@ -119,25 +134,19 @@ pub(super) async fn serve(mut socket: WebSocket, mut frames: watch::Receiver<Arc
                     return;
                 }
             }
-            message = socket.recv() => match message {
-                Some(Ok(Message::Text(text))) => {
-                    match Ask::parse(&text) {
-                        Some(Ask::Order(_)) if given.len() >= MOST_ORDERS => {
-                            let text = "too many orders at once: wait for the answer to one";
-                            if !send(&mut socket, Message::text(orders::answer(text, false))).await {
-                                return;
-                            }
-                        }
-                        Some(Ask::Order(order)) => {
-                            let place = frames.borrow().place.clone();
-                            given.spawn(orders::give(rule.clone(), place, order));
-                        }
-                        Some(ask) => page.wishes.take(ask),
-                        None => {}
+            ask = next(&mut socket) => match ask {
+                Some(Ask::Order(_)) if given.len() >= MOST_ORDERS => {
+                    let text = "too many orders at once: wait for the answer to one";
+                    if !send(&mut socket, Message::text(orders::answer(text, false))).await {
+                        return;
                     }
                 }
-                Some(Ok(Message::Binary(_) | Message::Ping(_) | Message::Pong(_))) => {}
-                Some(Ok(Message::Close(_)) | Err(_)) | None => break,
+                Some(Ask::Order(order)) => {
+                    let place = frames.borrow().place.clone();
+                    given.spawn(orders::give(rule.clone(), place, order));
+                }
+                Some(ask) => page.wishes.take(ask),
+                None => break,
             },
         }
     }
@@ -162,7 +171,7 @@ impl LivePage {
             messages.push(Message::Text(hello.clone()));
             let (past, next) = frame.events.since(0, frame.zero);
             self.next_event = next;
-            messages.push(Message::text(events::past(past)));
+            messages.push(Message::text(EventMessage::Events { events: past }.to_json()));
         }
         if frame.problem != self.problem {
             self.problem.clone_from(&frame.problem);
@@ -171,7 +180,7 @@ impl LivePage {
         let Some(snapshot) = frame.snapshot.as_ref().filter(|_| self.hello.is_some()) else { return messages };
         let (new, next) = frame.events.since(self.next_event, frame.zero);
         self.next_event = next;
-        messages.extend(new.into_iter().map(|event| Message::text(events::news(event))));
+        messages.extend(new.into_iter().map(|event| Message::text(EventMessage::Event(event).to_json())));
         if let Some(places) = &frame.places {
             messages.push(Message::Binary(places.clone()));
         }

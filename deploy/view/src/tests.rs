@@ -9,7 +9,7 @@ use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::record::{PlayedPlace, Player, VehiclePlace};
 
 use super::field::Field;
-use super::hello::{OrderRule, SourceKind, Span};
+use super::hello::OrderRule;
 use super::snapshot::{Level, Snapshot, Status, Team, Vehicle, add_nearest, vehicles};
 use super::verdict::Judged;
 use super::*;
@@ -277,10 +277,8 @@ fn a_large_swarm_is_sent_as_bytes_with_the_details_that_a_page_asks_for() {
 
 #[test]
 fn the_first_message_has_the_scenario_as_the_page_draws_it() {
-    let span = Span { from_s: Some(0.0), to_s: Some(20.0) };
-    let hello: Value =
-        serde_json::from_str(&hello::hello(&[four()], SourceKind::Recording, "a.mcap", span, OrderRule::Refused))
-            .unwrap();
+    let hello = hello::hello(&[four()], "a.mcap", Some((0.0, 20.0)), OrderRule::Refused);
+    let hello: Value = serde_json::from_str(&hello).unwrap();
     assert_eq!(
         (&hello["type"], &hello["version"], &hello["source"]),
         (&json!("hello"), &json!(1), &json!("recording"))
@@ -304,14 +302,8 @@ fn the_first_message_has_the_scenario_as_the_page_draws_it() {
     let text = "swarm.vehicles = 2\n[fleet]\nteams = 2\nspacing_m = 800.0\n";
     let fleet = load_any(&Source { name: "fleet.toml", text }, &[]).unwrap();
     let teams: Vec<Team> = fleet.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
-    let hello: Value = serde_json::from_str(&hello::hello(
-        &teams,
-        SourceKind::Live,
-        "x",
-        Span::default(),
-        OrderRule::AllowedWithToken,
-    ))
-    .unwrap();
+    let hello = hello::hello(&teams, "x", None, OrderRule::AllowedWithToken);
+    let hello: Value = serde_json::from_str(&hello).unwrap();
     assert_eq!(hello["vehicles"][2], json!({ "id": "2/1", "team": 2, "number": 1 }));
     assert_eq!(hello["teams"].as_array().unwrap().len(), 2);
     assert_eq!(hello["teams"][1]["scenario"], Value::Null, "it flies the same as team 1");

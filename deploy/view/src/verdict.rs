@@ -101,14 +101,13 @@ fn partitions(judged: &Judged<'_>) -> Vec<(Level, String)> {
     let members: BTreeMap<VehicleId, _> = there.map(|(id, sample)| (*id, *sample)).collect();
     let mut reasons = Vec::new();
     let mut parts: Vec<Vec<VehicleId>> = Vec::new();
-    let receives = |to: &VehicleId, from: &VehicleId| {
-        let peer = members.get(to).and_then(|sample| sample.peers.iter().find(|peer| peer.id == *from));
-        peer.is_some_and(|peer| peer.standing != PeerStatus::Lost)
+    let standing = |to: &VehicleId, from: &VehicleId| {
+        let peer = members.get(to)?.peers.iter().find(|peer| peer.id == *from)?;
+        Some(peer.standing)
     };
-    let lost = |to: &VehicleId, from: &VehicleId| {
-        let peer = members.get(to).and_then(|sample| sample.peers.iter().find(|peer| peer.id == *from));
-        peer.is_some_and(|peer| peer.standing == PeerStatus::Lost)
-    };
+    let receives =
+        |to: &VehicleId, from: &VehicleId| standing(to, from).is_some_and(|standing| standing != PeerStatus::Lost);
+    let lost = |to: &VehicleId, from: &VehicleId| standing(to, from) == Some(PeerStatus::Lost);
     let mut left: Vec<VehicleId> = members.keys().copied().collect();
     while let Some(first) = left.pop() {
         let (mut part, mut nth) = (vec![first], 0);

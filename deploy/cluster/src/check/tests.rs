@@ -183,7 +183,7 @@ fn a_pc_without_the_operators_keys_has_a_note_and_no_fault() {
 #[test]
 fn the_table_and_the_json_agree() {
     let line = Line::new("heli1", "clock", "+90000.0 ±0.4 ms").fault("`ssh heli1 sudo timedatectl set-ntp true`");
-    let table = as_table(&[Line::new("heli1", "ssh", "login works"), line.clone()]);
+    let table = as_table(&[Line::new("heli1", "ssh", "login works"), line.clone()], true);
     let fault = table.lines().last().unwrap();
     assert!(fault.contains("FAULT") && fault.contains("+90000.0") && fault.contains("set-ntp"), "{table}");
     let json = serde_json::to_value(&line).unwrap();

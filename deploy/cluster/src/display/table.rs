@@ -46,7 +46,8 @@ pub fn draw(frame: &mut Frame<'_>, status: &FlightStatus, shown: Shown, code: Op
     frame.render_widget(Paragraph::new(headline(status, width)), title);
     frame.render_widget(Paragraph::new(status.summary(width)), summary);
     if shown == Shown::Columns {
-        frame.render_widget(Paragraph::new(explanation(&set, width)), body);
+        let lines = [Line::raw(shortened("What the columns mean:", width))].into_iter().chain(legend(&set, width));
+        frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()), body);
     } else if let (Shown::Code, Some(code)) = (shown, code) {
         draw_code(frame, body, code);
     } else if body.width >= beside.saturating_add(EVENTS_BESIDE) {
@@ -202,12 +203,6 @@ fn legend(columns: &[Column], width: usize) -> Vec<Line<'static>> {
             lines.push(Line::raw(format!("{:<indent$}{line}", std::mem::take(&mut title))));
         }
     }
-    lines
-}
-
-fn explanation(columns: &[Column], width: usize) -> Vec<Line<'static>> {
-    let mut lines = vec![Line::raw(shortened("What the columns mean:", width))];
-    lines.extend(legend(columns, width));
     lines
 }
 

@@ -6,8 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::files::{self, at};
-use super::node;
-use super::node::{ACTIVE, CURRENT, INSTALLS, NodeFolder, PREVIOUS, Settings, install_name, linked};
+use super::node::{self, ACTIVE, CURRENT, INSTALLS, NodeFolder, PREVIOUS, SETTINGS, Settings, install_name, linked};
 use super::place::{PROGRAM, SwarmFolder};
 use crate::bundle::{Bundle, BundleFile};
 use crate::os;
@@ -28,7 +27,7 @@ pub(super) fn apply(
     }
     let mut changed = write_install(node, &installed, bundle)?;
     if node.settings().as_ref() != Some(settings) {
-        node.set_settings(settings)?;
+        node.write(SETTINGS, settings)?;
         changed = true;
     }
     let current = linked(&node.file(CURRENT));

@@ -131,16 +131,8 @@ impl NodeFolder {
         read(&self.file(SETTINGS))
     }
 
-    pub(super) fn set_settings(&self, settings: &Settings) -> Result<(), String> {
-        write(&self.file(SETTINGS), settings)
-    }
-
     pub(super) fn started(&self) -> Option<Started> {
         read(&self.file(STARTED))
-    }
-
-    pub(super) fn set_started(&self, started: &Started) -> Result<(), String> {
-        write(&self.file(STARTED), started)
     }
 
     /// The agent that was started last, running or not.
@@ -148,8 +140,9 @@ impl NodeFolder {
         read(&self.file(AGENT))
     }
 
-    pub(super) fn set_agent(&self, agent: &AgentProcess) -> Result<(), String> {
-        write(&self.file(AGENT), agent)
+    /// Writes one of the node's JSON files: [`SETTINGS`], [`STARTED`] or [`AGENT`].
+    pub(super) fn write(&self, name: &str, value: &impl Serialize) -> Result<(), String> {
+        files::write(&self.file(name), skein_lab::terminal::json(value).as_bytes(), true)
     }
 
     /// Writes the agent into the file of the one before. This needs no room on the disk, and a reader may see a mixture.
@@ -271,10 +264,6 @@ pub(super) fn linked(link: &Path) -> Option<Installed> {
 /// Reads a JSON file; `None` if it does not exist or is incomplete.
 fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_slice(&fs::read(path).ok()?).ok()
-}
-
-fn write(path: &Path, value: &impl Serialize) -> Result<(), String> {
-    files::write(path, skein_lab::terminal::json(value).as_bytes(), true)
 }
 
 /// Creates folders that only this user can access.

@@ -13,7 +13,8 @@ use skein_agent::run::{INCARNATION_FILE, RELEASE};
 use super::files::{self, at};
 use super::logs;
 use super::node::{
-    ACTIVE, AGENT, AgentProcess, CURRENT, ENDED, LOG, Moment, NodeFolder, RUN, Settings, Started, install_name, linked,
+    ACTIVE, AGENT, AgentProcess, CURRENT, ENDED, LOG, Moment, NodeFolder, RUN, STARTED, Settings, Started,
+    install_name, linked,
 };
 use super::place::{PROGRAM, SwarmFolder};
 use super::privileges;
@@ -107,7 +108,7 @@ pub(super) fn start(place: &SwarmFolder, node: &NodeFolder, run: u64, note: Opti
         files::remove(&path).map_err(at(&path))?;
     }
     files::link(&node.file(ACTIVE), &to)?;
-    node.set_started(&Started { installed, run, note, at: Moment::now() })?;
+    node.write(STARTED, &Started { installed, run, note, at: Moment::now() })?;
     match systemd {
         Some(systemd) => systemd.start(&place.swarm, node)?,
         None => supervise(node)?,
@@ -193,7 +194,7 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
         files::remove(&path).map_err(at(&path))?;
     }
     let agent = AgentProcess { process: Process::own(), restarts: restarts.unwrap_or(0) };
-    if let Some(error) = note_agent(|| node.set_agent(&agent), || node.overwrite_agent(&agent))? {
+    if let Some(error) = note_agent(|| node.write(AGENT, &agent), || node.overwrite_agent(&agent))? {
         eprintln!("{error}; the agent starts, and its process is noted over that of the agent before");
     }
     let program = std::env::current_exe().map_err(|error| error.to_string())?;

@@ -129,7 +129,7 @@ fn a_node_of_another_authority_is_taken_over_only_on_purpose() {
     assert!(!done(ask(&place, apply(Some("first")))).0, "its own operator");
     // An agent that runs: this process.
     let node = place.node("1".parse().unwrap());
-    node.set_agent(&node::AgentProcess { process: process::Process::own(), restarts: 0 }).unwrap();
+    node.write(AGENT, &node::AgentProcess { process: process::Process::own(), restarts: 0 }).unwrap();
     let refused = ask(&place, take_over(Some("second"))).unwrap_err();
     assert!(refused.starts_with("node 1 flies under another authority, "), "{refused}");
     fs::remove_file(node.file(AGENT)).unwrap();

@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use super::row::{Done, InstalledNode};
+use super::row::{InstalledNode, UNCHANGED};
 use super::{InstallArgs, Payload};
 use crate::bundle::BundleFile;
 use crate::inventory::Node;
@@ -16,17 +16,17 @@ use skein_host::atomic_file::{self, Durability};
 pub(super) fn write(args: &InstallArgs, chosen: &ChosenNodes, node: &Node, given: Option<&Payload>) -> InstalledNode {
     let mut row = InstalledNode::new(node);
     let Some(given) = given else {
-        row.note = Some("installed by hand: bring back by hand what it had".to_owned());
+        row.outcome.note = Some("installed by hand: bring back by hand what it had".to_owned());
         return row;
     };
     let folder = args.out.join(format!("node-{}", node.id.dashed()));
     match write_all(&folder, chosen, node, given, args.dry_run) {
         Ok(changed) => {
-            row.done = if changed { Done::Written } else { Done::Unchanged };
-            row.runs = Some(given.installed());
-            row.note = Some(format!("carry {} there, see its README.txt", folder.display()));
+            row.outcome.done = if changed { "written" } else { UNCHANGED };
+            row.outcome.runs = Some(given.installed());
+            row.outcome.note = Some(format!("carry {} there, see its README.txt", folder.display()));
         }
-        Err(error) => row.fail(format!("{}: {error}", folder.display())),
+        Err(error) => row.outcome.fail(format!("{}: {error}", folder.display())),
     }
     row
 }

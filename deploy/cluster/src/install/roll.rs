@@ -10,7 +10,7 @@ use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::VehicleName;
 
 use super::done;
-use super::row::{Done, InstalledNode};
+use super::row::{InstalledNode, UNCHANGED};
 use crate::inventory::{Inventory, Node};
 use crate::mesh::ready::Watch;
 use crate::nodes::{Progress, ProgressLine};
@@ -84,24 +84,24 @@ pub(super) fn roll(
         if let Err(why) = &came_back {
             line.say(&format!("{why}; bringing back what it had"));
             let back = ask(Ask::Rollback).and_then(|change| {
-                row.runs = change.facts.current;
+                row.outcome.runs = change.facts.current;
                 comes_back(&line)
             });
-            row.fail(match back {
+            row.outcome.fail(match back {
                 Ok(()) => format!("{why}; it flies again with what it had, and the roll has stopped"),
                 Err(again) => format!("{why}; with what it had: {again}; the roll has stopped"),
             });
-        } else if row.done == Done::Unchanged {
-            row.note = Some("restarted: it still flew what was before".to_owned());
+        } else if row.outcome.done == UNCHANGED {
+            row.outcome.note = Some("restarted: it still flew what was before".to_owned());
         }
         row.restart_s = Some((clock::now() - begun).as_secs_f64());
-        line.say(row.why.as_deref().unwrap_or("ready again"));
+        line.say(row.outcome.why.as_deref().unwrap_or("ready again"));
         came_back.is_ok()
     });
     let Some((at, rest)) = stopped else { return Ok(()) };
     for left in rest {
         let why = format!("flies on with what it had: the roll stopped at node {}", at.node.id);
-        rows.entry(left.node.id).and_modify(|row| row.why = Some(why));
+        rows.entry(left.node.id).and_modify(|row| row.outcome.why = Some(why));
     }
     Ok(())
 }

@@ -29,9 +29,9 @@ fn only_a_vehicle_that_runs_another_version_is_restarted() {
 #[test]
 fn the_table_shows_what_was_done() {
     let mut rows = vec![InstalledNode::new(&node(1, Some("heli1"))), InstalledNode::new(&node(10, Some("heli10")))];
-    rows[0].done = Done::Installed;
-    (rows[0].seconds, rows[0].copied_bytes, rows[0].copy_s) = (2.34, 12_345_678, 0.96);
-    rows[1].fail("heli10: no room".to_owned());
+    rows[0].outcome.done = "installed";
+    (rows[0].outcome.seconds, rows[0].copied_bytes, rows[0].copy_s) = (2.34, 12_345_678, 0.96);
+    rows[1].outcome.fail("heli10: no room".to_owned());
     let wanted = " node  host    done       all s  copied MB  copying s
     1  heli1   installed    2.3       12.3        1.0
    10  heli10  failed                                  heli10: no room\n";
@@ -66,16 +66,16 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
         InstallArgs { nodes, dry_run: true, rollback: false, take_over: false, timeout_s: 1.0, out: out.clone() };
     let write = |args: &InstallArgs, given: &Payload| {
         let row = manual::write(args, &chosen, node, Some(given));
-        assert_eq!(row.why, None);
-        row.done
+        assert_eq!(row.outcome.why, None);
+        row.outcome.done
     };
-    assert_eq!(write(&args, &given), Done::Written);
+    assert_eq!(write(&args, &given), "written");
     assert!(!out.exists(), "a dry run writes nothing");
     args.dry_run = false;
-    assert_eq!(write(&args, &given), Done::Written);
-    assert_eq!(write(&args, &given), Done::Unchanged);
+    assert_eq!(write(&args, &given), "written");
+    assert_eq!(write(&args, &given), UNCHANGED);
     given.bundle.files.get_mut("agent.toml").unwrap().content = b"id = 2 # other".to_vec();
-    assert_eq!(write(&args, &given), Done::Written);
+    assert_eq!(write(&args, &given), "written");
     let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
     let there = out.join("node-2");
     assert_eq!((mode(&there), mode(&there.join("keys/observer.key"))), (0o700, 0o600));
@@ -90,7 +90,7 @@ fn a_node_without_ssh_gets_a_folder_to_carry() {
     given.program = Arc::new(Program { bytes: b"MZ".as_slice().into(), ..(*given.program).clone() });
     let node = Node { binary: Some(windows), ..node.clone() };
     let args = InstallArgs { out: folder.path().join("other"), ..args };
-    assert_eq!(manual::write(&args, &chosen, &node, Some(&given)).done, Done::Written);
+    assert_eq!(manual::write(&args, &chosen, &node, Some(&given)).outcome.done, "written");
     let readme = fs::read_to_string(args.out.join("node-2/README.txt")).unwrap();
     let commands = [r".\skein.exe agent --config agent.toml", r".\skein.exe cluster status -f cluster.toml"];
     assert!(commands.iter().all(|command| readme.contains(command)) && !readme.contains("./skein"), "{readme}");

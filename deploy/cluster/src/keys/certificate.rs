@@ -48,7 +48,7 @@ pub(crate) struct CertificateSpec<'a> {
 pub(crate) struct Authority {
     issuer: Issuer<'static, KeyPair>,
     /// Its own certificate, PEM.
-    certificate: String,
+    pub(crate) certificate: String,
 }
 
 /// Why a certificate is invalid or has to be replaced soon.
@@ -159,11 +159,6 @@ impl Authority {
         params.use_authority_key_identifier_extension = true;
         (params.not_before, params.not_after) = (now - BACKDATED, now + VALID);
         Ok(params.signed_by(&key, &self.issuer)?.pem())
-    }
-
-    /// Certificate of the authority, PEM.
-    pub(crate) fn certificate(&self) -> &str {
-        &self.certificate
     }
 }
 

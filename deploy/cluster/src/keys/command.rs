@@ -256,7 +256,7 @@ impl Maker<'_> {
             who: "authority".to_owned(),
             name: Authority::name(swarm),
             address: None,
-            expires: expires(authority.certificate()).map(day),
+            expires: expires(&authority.certificate).map(day),
             done,
         };
         Ok((authority, line))
@@ -296,7 +296,7 @@ impl Maker<'_> {
     ) -> Result<KeyFileLine, Error> {
         let (certificate, key) = (certificate_file(certificate_spec.role), key_file(certificate_spec.role));
         let there = self.folder.pair(&certificate, &key)?;
-        let unfit = there.as_ref().map(|pair| unfit(pair, certificate_spec, authority.certificate(), self.now));
+        let unfit = there.as_ref().map(|pair| unfit(pair, certificate_spec, &authority.certificate, self.now));
         let done = match unfit {
             None => Some("made".to_owned()),
             Some(unfit) => match (replaced, unfit) {

@@ -145,14 +145,6 @@ impl Folder {
         Ok(both.map(|(certificate, key)| Pair { certificate, key }))
     }
 
-    /// Reads a certificate with its key, which must exist.
-    ///
-    /// # Errors
-    /// If it does not exist: a text with the remedy.
-    pub(crate) fn need_pair(&self, certificate: &str, key: &str) -> Result<Pair, Error> {
-        Ok(Pair { certificate: self.need(certificate)?, key: self.need(key)? })
-    }
-
     /// Reads the valid names; `None` if the file does not exist yet. Names of vehicles that have left the cluster are
     /// kept, so that a revoked name is not used again.
     ///

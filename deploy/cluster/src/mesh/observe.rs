@@ -17,7 +17,7 @@ use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
 use skein_common::id::{SwarmName, VehicleId};
 use skein_common::message::{
-    self, Event, Health, Heartbeat, Message, Order, Reason, StandingOrders, Summary, Trace, VehicleFacts,
+    self, Event, Health, Heartbeat, Message, Order, Reason, Severity, StandingOrders, Summary, Trace, VehicleFacts,
 };
 use skein_common::state::Membership;
 use skein_common::topic::{self, Author, Branch, Topic};
@@ -62,6 +62,17 @@ pub enum SwarmMessage {
     Appeared(VehicleId),
     /// The vehicle's agent has left the network.
     Vanished(VehicleId),
+}
+
+impl SwarmMessage {
+    /// The note that a recording has of a change of a vehicle's presence: its severity, which vehicle, and what changed.
+    pub fn note(&self) -> Option<(Severity, String, &'static str)> {
+        match self {
+            Self::Appeared(id) => Some((Severity::Info, format!("vehicle {id}"), "its agent has appeared")),
+            Self::Vanished(id) => Some((Severity::Error, format!("vehicle {id}"), "its agent has disappeared")),
+            _ => None,
+        }
+    }
 }
 
 /// A received message with its run and its time of arrival.
@@ -238,11 +249,9 @@ impl Observer {
     /// # Errors
     /// If Zenoh refuses.
     pub fn subscribe_to_traces(&mut self, wanted: bool) -> Result<(), ObserveError> {
-        if wanted && self.traces.is_none() {
-            let session = self.sessions.first();
-            self.traces = Some(self.receiver.subscribe(session, topic::all::TRACES, SwarmMessage::Trace)?);
-        } else if !wanted {
-            self.traces = None;
+        if wanted != self.traces.is_some() {
+            let subscribe = || self.receiver.subscribe(self.sessions.first(), topic::all::TRACES, SwarmMessage::Trace);
+            self.traces = wanted.then(subscribe).transpose()?;
         }
         Ok(())
     }
@@ -254,12 +263,11 @@ impl Observer {
     /// # Errors
     /// If Zenoh refuses.
     pub fn subscribe_to_summaries(&mut self, wanted: bool) -> Result<(), ObserveError> {
-        if wanted && self.summaries.is_none() {
-            let session = self.sessions.first();
-            self.summaries = Some(self.receiver.subscribe(session, topic::all::SUMMARIES, SwarmMessage::Summary)?);
-            self.vehicles.values_mut().for_each(VehicleView::forget_summary);
-        } else if !wanted {
-            self.summaries = None;
+        if wanted != self.summaries.is_some() {
+            let subscribe =
+                || self.receiver.subscribe(self.sessions.first(), topic::all::SUMMARIES, SwarmMessage::Summary);
+            self.summaries = wanted.then(subscribe).transpose()?;
+            self.vehicles.values_mut().filter(|_| wanted).for_each(VehicleView::forget_summary);
         }
         Ok(())
     }

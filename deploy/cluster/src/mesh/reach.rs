@@ -81,16 +81,10 @@ impl Reach {
     pub fn flown(&self) -> Result<(String, String), Error> {
         match &self.scenario {
             Flown::Text(text) => Ok((format!("the scenario of {}", self.swarm), text.clone())),
-            Flown::File(path) => {
-                let name = path.display().to_string();
-                let text = fs::read_to_string(path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
-                Ok((name, text))
-            }
+            Flown::File(path) => read(path),
         }
     }
-}
 
-impl Reach {
     /// Makes a connection to the swarm on this PC that has this branch.
     pub fn here(there: &Endpoints, branch: Branch) -> Self {
         let own = there.agents.iter().filter(|(name, _)| name.team == branch.team());
@@ -106,6 +100,13 @@ impl Reach {
             None => format!("swarm {}", self.swarm),
         }
     }
+}
+
+/// The name of a file and its text.
+fn read(path: &Path) -> Result<(String, String), Error> {
+    let name = path.display().to_string();
+    let text = fs::read_to_string(path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
+    Ok((name, text))
 }
 
 /// Options that choose the swarm of a command.
@@ -205,9 +206,7 @@ impl Place {
             Self::Cluster(inventory) => return Ok(inventory.scenario.clone()),
             Self::Here(there) => there,
         };
-        let path = there.out.join("scenario.toml");
-        let name = path.display().to_string();
-        let text = fs::read_to_string(&path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
+        let (name, text) = read(&there.out.join("scenario.toml"))?;
         load_any(&Source { name: &name, text: &text }, &[])
             .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })
     }

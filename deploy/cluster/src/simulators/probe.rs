@@ -17,15 +17,25 @@ const SIMULATOR: Duration = Duration::from_secs(2);
 /// How long one wait for a position takes at most.
 const ATTEMPT: Duration = Duration::from_millis(100);
 
-/// Asks the X-Plane at `HOST[:PORT]` and describes its answer: version, position, paused or not. Its controls are not
-/// touched.
-pub(crate) fn simulator_at(address: &str) -> Result<String, String> {
-    let address = simulator(address).map_err(|error| error.to_string())?;
-    // The origin affects only distances, which are not used here.
+/// Connects to the X-Plane at `HOST[:PORT]` as an agent does. The origin of its frame is arbitrary.
+///
+/// # Errors
+/// If the address is unknown, or no socket can be opened.
+pub fn link(address: &str, profile: &Profile) -> Result<XPlane, String> {
+    let simulator = simulator(address).map_err(|error| error.to_string())?;
     let anywhere = Origin::new(Geodetic::from_degrees(0.0, 0.0, 0.0));
     let rate_hz = (1.0 / TICK_S).round() as u32;
-    let link = XPlane::new(&anywhere, Some(address), &Profile::default(), rate_hz, listen_for(address.ip()));
-    let mut link = link.map_err(|error| error.to_string())?;
+    let link = XPlane::new(&anywhere, Some(simulator), profile, rate_hz, listen_for(simulator.ip()));
+    link.map_err(|error| error.to_string())
+}
+
+/// Asks the X-Plane at `HOST[:PORT]` and describes its answer: version, position, paused or not. Its controls are not
+/// touched.
+///
+/// # Errors
+/// If it does not answer: a sentence with the reason and the remedy.
+pub fn ask(address: &str) -> Result<String, String> {
+    let mut link = link(address, &Profile::default())?;
     let until = clock::now() + SIMULATOR;
     let mut place = None;
     while clock::now() < until && (place.is_none() || link.client.version().is_none()) {
@@ -89,7 +99,7 @@ mod tests {
             let stop = Arc::new(AtomicBool::new(false));
             let of_thread = stop.clone();
             let standin = thread::spawn(move || standin.run(&of_thread));
-            let received = simulator_at(&address.to_string());
+            let received = ask(&address.to_string());
             stop.store(true, Relaxed);
             standin.join().unwrap();
             let received = received.unwrap();
@@ -104,9 +114,9 @@ mod tests {
     fn a_simulator_that_does_not_answer_is_an_error() {
         let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
         let address = silent.local_addr().unwrap().to_string();
-        let error = simulator_at(&address).unwrap_err();
+        let error = ask(&address).unwrap_err();
         assert!(error.contains(&address) && error.contains("no answer within 2 s"), "{error}");
-        assert!(simulator_at("127.0.0.1:x").is_err());
+        assert!(ask("127.0.0.1:x").is_err());
     }
 
     #[test]

@@ -6,7 +6,6 @@ use std::io;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
-use ring::rand::{SecureRandom, SystemRandom};
 use skein_agent::plant::xplane::wire::dref::Write;
 use skein_agent::plant::xplane::wire::encode_rate;
 use skein_agent::plant::xplane::wire::operation::Command;
@@ -16,6 +15,8 @@ use skein_agent::plant::xplane::wire::rref::{self, DatarefRequest};
 use skein_agent::plant::xplane::{listen_for, simulator};
 use skein_host::clock;
 use skein_lab::error::Error;
+
+use crate::os;
 
 /// Values a second that are asked for.
 const VALUES_HZ: u32 = 10;
@@ -256,9 +257,7 @@ pub fn version_text(version: impl Into<i64>) -> String {
 }
 
 fn first_index() -> Result<i32, Error> {
-    let mut bytes = [0; 4];
-    SystemRandom::new()
-        .fill(&mut bytes)
-        .map_err(|_| Error::Failed("this system provides no random numbers".to_owned()))?;
+    let bytes = os::random_bytes();
+    let bytes = bytes.ok_or_else(|| Error::Failed("this system provides no random numbers".to_owned()))?;
     Ok(i32::from_le_bytes(bytes) & FIRST_INDEX_MASK)
 }

@@ -3,9 +3,8 @@
 
 use std::io::BufRead;
 
-use ring::rand::{SecureRandom, SystemRandom};
-
 use super::quote;
+use crate::os;
 
 /// Script that runs the command `$1` between the marks of `$0`, on both outputs. It is one argument for any login shell:
 /// without `'`, line ends and csh's `!`. The marks are composed here, so that a shell that traces its commands prints none.
@@ -36,9 +35,7 @@ impl Marks {
     /// # Errors
     /// If the system gives no random numbers.
     pub(super) fn draw() -> Result<Self, String> {
-        let mut bytes = [0; 16];
-        let drawn = SystemRandom::new().fill(&mut bytes);
-        drawn.map_err(|_| "the system gives no random numbers".to_owned())?;
+        let bytes = os::random_bytes().ok_or("the system gives no random numbers")?;
         Ok(Self::of(&format!("skein-{:032x}", u128::from_be_bytes(bytes))))
     }
 

@@ -9,6 +9,7 @@ use super::{CONNECT_S, Host, MAX_SENTENCE};
 /// Returns the sentence for ssh's standard error. `keys` returns the key files that ssh tries for this host.
 pub(super) fn sentence(host: &Host, stderr: &str, keys: impl FnOnce() -> Vec<String>) -> String {
     let has = |texts: &[&str]| texts.iter().any(|text| stderr.contains(text));
+    let last = || last_line(stderr).unwrap_or_else(|| "ssh failed without a message".to_owned());
     let name = &host.name;
     let why = if has(&["IDENTIFICATION HAS CHANGED"]) {
         format!(
@@ -35,16 +36,17 @@ pub(super) fn sentence(host: &Host, stderr: &str, keys: impl FnOnce() -> Vec<Str
     } else if has(&["No route to host", "Network is unreachable"]) {
         "no route from this network; check its address and that both are connected".to_owned()
     } else if has(&["closed by", "reset by peer", "Broken pipe", "master", "not responding"]) {
-        format!("the connection was lost ({}); try again", last(stderr))
+        format!("the connection was lost ({}); try again", last())
     } else {
-        last(stderr)
+        last()
     };
     format!("{host}: {why}")
 }
 
-fn last(stderr: &str) -> String {
+/// The last line that is not empty, made safe for a terminal.
+pub(super) fn last_line(stderr: &str) -> Option<String> {
     let last = stderr.lines().rev().map(str::trim).find(|line| !line.is_empty());
-    printable(last.unwrap_or("ssh failed without a message"), MAX_SENTENCE)
+    last.map(|line| printable(line, MAX_SENTENCE))
 }
 
 /// Returns the key files named by `ssh -G` that exist.

@@ -48,8 +48,12 @@ fn processor(cores: usize, load: Option<f64>) -> Line {
 
 /// Whether systemd keeps the clock synchronised: `yes`, `no`, or nothing where it does not run.
 fn timedatectl() -> Option<String> {
-    let mut command = Command::new("timedatectl");
-    let output = command.args(["show", "--property=NTPSynchronized", "--value"]).stderr(Stdio::null()).output().ok()?;
+    printed("timedatectl", &["show", "--property=NTPSynchronized", "--value"])
+}
+
+/// Text that a program prints; `None` if it fails.
+fn printed(program: &str, arguments: &[&str]) -> Option<String> {
+    let output = Command::new(program).args(arguments).stderr(Stdio::null()).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
@@ -158,12 +162,9 @@ fn runtime_folder() -> Line {
 }
 
 fn python() -> Line {
-    let output = Command::new("python3").arg("--version").stderr(Stdio::null()).output();
-    match output {
-        Ok(output) if output.status.success() => {
-            line("python", String::from_utf8_lossy(&output.stdout).trim().to_owned())
-        }
-        _ => line("python", "no python3 on the PATH; only laws in Python need it").unknown(),
+    match printed("python3", &["--version"]) {
+        Some(version) => line("python", version),
+        None => line("python", "no python3 on the PATH; only laws in Python need it").unknown(),
     }
 }
 

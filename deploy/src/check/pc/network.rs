@@ -4,12 +4,15 @@ use std::io;
 use std::net::{Ipv4Addr, TcpListener};
 use std::time::Duration;
 
+use skein_agent::plant::xplane::discovery::FoundSimulator;
+
 use super::{firewall, line};
 use crate::new::discover;
 use skein_cluster::findings::Line;
 use skein_cluster::host::probe;
 use skein_cluster::ports;
 use skein_cluster::protocol::Reached;
+use skein_cluster::simulators::survey::version_text;
 
 /// Number of agents for which ports are tried.
 const AGENTS: u16 = 16;
@@ -74,9 +77,9 @@ pub(super) fn beacon(wait: Duration) -> Line {
             }
         }
         Ok(found) => {
-            let one = |found: &discover::FoundXPlane| {
-                let over = found.over();
-                format!("{} on {} at {}:{}{over}", found.version, found.computer, found.address, found.port)
+            let one = |found: &FoundSimulator| {
+                let (version, over) = (version_text(found.version), discover::over(found));
+                format!("{version} on {} at {}:{}{over}", found.computer, found.address, found.port)
             };
             line("X-Plane", found.iter().map(one).collect::<Vec<_>>().join(", "))
         }

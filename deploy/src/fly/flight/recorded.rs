@@ -48,6 +48,6 @@ pub(super) fn recorder(plan: &Plan) -> Result<Option<Recorder>, Error> {
     }
     let (run, path) = (Run::new(scenario, "fly"), plan.out.join(record::FILE));
     let about = RecordingInfo { scenario, scenario_toml: &plan.loaded.to_toml(), run: &run, clock: "" };
-    let recorder = Recorder::begin(&path, &about, scenario.record.hz.live_hz());
+    let recorder = Recorder::begin(&path, &about, Some(scenario.record.hz.live_hz()));
     recorder.map(Some).map_err(|error| Error::Failed(format!("no recording: {error}")))
 }

@@ -7,7 +7,6 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Instant;
 
 use foxglove::websocket::Status;
-use skein_common::message::Severity;
 use skein_common::scenario::Described;
 use skein_host::clock::Utc;
 use skein_lab::error::Error;
@@ -74,23 +73,10 @@ impl Live {
             SwarmMessage::Event(event) => {
                 channels.event(log_time_ns, event.header.sender, Some(&event.header), &event.what);
             }
-            SwarmMessage::Appeared(id) => {
-                channels.note(
-                    log_time_ns,
-                    Severity::Info,
-                    format!("vehicle {id}"),
-                    "its agent has appeared".to_owned(),
-                );
+            other => {
+                let note = other.note();
+                note.into_iter().for_each(|(level, who, what)| channels.note(log_time_ns, level, who, what.to_owned()));
             }
-            SwarmMessage::Vanished(id) => {
-                channels.note(
-                    log_time_ns,
-                    Severity::Error,
-                    format!("vehicle {id}"),
-                    "its agent has disappeared".to_owned(),
-                );
-            }
-            _ => {}
         }
     }
 

@@ -9,16 +9,16 @@ const MANUAL: u32 = 1;
 /// Main mode of a vehicle that flies itself; the sub-mode says what it does.
 const AUTO: u32 = 4;
 
-/// A flight mode of PX4.
+/// A flight mode of PX4, with its sub-mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mode {
-    Manual,
-    Ready,
-    Takeoff,
-    Hold,
-    Mission,
-    Return,
-    Land,
+    Manual = 0,
+    Ready = 1,
+    Takeoff = 2,
+    Hold = 3,
+    Mission = 4,
+    Return = 5,
+    Land = 6,
 }
 
 impl Mode {
@@ -54,15 +54,7 @@ impl Mode {
     }
 
     fn numbers(self) -> (u32, u32) {
-        match self {
-            Self::Manual => (MANUAL, 0),
-            Self::Ready => (AUTO, 1),
-            Self::Takeoff => (AUTO, 2),
-            Self::Hold => (AUTO, 3),
-            Self::Mission => (AUTO, 4),
-            Self::Return => (AUTO, 5),
-            Self::Land => (AUTO, 6),
-        }
+        (if self == Self::Manual { MANUAL } else { AUTO }, self as u32)
     }
 }
 

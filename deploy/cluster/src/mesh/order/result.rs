@@ -1,11 +1,10 @@
 //! The result of an order in one swarm, for people and for programs.
 
 use serde_json::{Value, json};
-use skein_common::id::{FleetVehicle, SwarmName, VehicleId, VehicleName, VehicleSet};
+use skein_common::id::{SwarmName, VehicleId, VehicleName, VehicleSet};
 
 use super::effect::{Effect, ranges};
 use super::recipients::Recipients;
-use crate::mesh::reach::Reach;
 use skein_lab::error::Error;
 
 /// The result of an order in one swarm, or in one team of a fleet.
@@ -59,9 +58,7 @@ impl Given {
 /// something everywhere: `land: taken by 7 of 8; 3 does not answer; vehicle 1-2, 4-8: step 0 -> landing`.
 pub(super) fn in_one_line(title: &str, recipients: &[Recipients], results: &[Given]) -> (String, bool) {
     let all = || recipients.iter().map(|to| &to.reach).zip(results);
-    let names = |ids: fn(&Given) -> &[VehicleId]| -> Vec<String> {
-        all().flat_map(|(reach, given)| ids(given).iter().map(|id| name(reach, *id).to_string())).collect()
-    };
+    let names = |ids| -> Vec<String> { names(recipients, results, ids).iter().map(VehicleName::to_string).collect() };
     let accepted = names(|given| &given.accepted).len();
     let (unresponsive, silent) = (names(|given| &given.unresponsive), names(|given| &given.silent));
     let mut parts = vec![format!("{title}: taken by {accepted} of {}", accepted + unresponsive.len() + silent.len())];
@@ -94,11 +91,10 @@ pub(super) fn as_json(
     results: &[Given],
 ) -> Value {
     let all = || recipients.iter().map(|to| &to.reach).zip(results);
-    let names = |ids: fn(&Given) -> &[VehicleId]| -> Vec<VehicleName> {
-        all().flat_map(|(reach, given)| ids(given).iter().map(|id| name(reach, *id))).collect()
-    };
+    let names = |ids| names(recipients, results, ids);
     let changes = all().flat_map(|(reach, given)| {
-        let change = |(id, before, after)| json!({ "vehicle": name(reach, id), "before": before, "after": after });
+        let change =
+            |(id, before, after)| json!({ "vehicle": reach.branch.name(id), "before": before, "after": after });
         given.effect.as_texts().map(change)
     });
     json!({
@@ -113,11 +109,10 @@ pub(super) fn as_json(
     })
 }
 
-fn name(reach: &Reach, vehicle: VehicleId) -> VehicleName {
-    match reach.branch.team() {
-        Some(team) => FleetVehicle { team, vehicle }.into(),
-        None => vehicle.into(),
-    }
+/// The names of these vehicles of all swarms.
+fn names(recipients: &[Recipients], results: &[Given], ids: fn(&Given) -> &[VehicleId]) -> Vec<VehicleName> {
+    let all = recipients.iter().zip(results);
+    all.flat_map(|(to, given)| ids(given).iter().map(|id| to.reach.branch.name(*id))).collect()
 }
 
 #[cfg(test)]
@@ -129,7 +124,7 @@ mod tests {
 
     use super::*;
     use crate::mesh::order::effect::Activity;
-    use crate::mesh::reach::Flown;
+    use crate::mesh::reach::{Flown, Reach};
 
     #[test]
     fn one_object_names_who_accepted_an_order_and_who_did_not_answer() {
