@@ -1,3 +1,6 @@
+use std::sync::LazyLock;
+
+use proptest::prelude::*;
 use skein_agent::link::signature::SigningKey;
 use skein_common::message::Verb;
 
@@ -106,4 +109,52 @@ fn a_run_is_proven_by_more_than_half_of_all_vehicles() {
     let error = reported(&[8, 8, 5, 5]).unwrap_err();
     assert!(error.contains("node 3, 4 in run 5; node 1, 2 in run 8 reported to fly"), "{error}");
     assert!(error.contains("no run has a majority of the 4 vehicles"), "{error}");
+}
+
+/// Keys of an operator and of somebody else.
+static KEYS: LazyLock<[SigningKey; 2]> = LazyLock::new(|| [operator(), operator()]);
+
+/// A run, when it began, and whether the operator has signed the note of it.
+type Noted = (u64, u64, bool);
+
+fn noted() -> impl Strategy<Value = Noted> {
+    (5..9_u64, 1..5_u64, any::<bool>())
+}
+
+fn note((run, began_ms, is_signed): Noted) -> RunNote {
+    RunNote::new(&KEYS[usize::from(!is_signed)], &lab(), run, began_ms)
+}
+
+proptest! {
+    #[test]
+    fn no_run_is_joined_without_proof_and_none_is_begun_beside_another(
+        reported in prop::collection::btree_map(1..5_u8, 5..9_u64, 0..5),
+        own in prop::option::of((noted(), any::<bool>())),
+        noted in prop::collection::vec(noted(), 0..4),
+    ) {
+        let [operator, _] = &*KEYS;
+        let reported: Vec<(u8, u64)> = reported.into_iter().collect();
+        let record = own.map(|(own, over)| Record { over, ..Record::of(note(own)) });
+        let notes: Vec<RunNote> = noted.iter().copied().map(note).collect();
+        let decided = run(&reported, record, &notes, operator);
+        let reports = |run: u64| reported.iter().filter(|(_, other)| *other == run).count();
+        match &decided {
+            Ok(Some(run)) => {
+                let is_newest = |began_ms| noted.iter().all(|(_, at_ms, is_signed)| !is_signed || *at_ms <= began_ms);
+                let is_own = own.is_some_and(|((own, began_ms, is_signed), over)| {
+                    own == *run && is_signed && !over && is_newest(began_ms) && reports(own) > 0
+                });
+                prop_assert!(reports(*run) > 2 || is_own, "{} is not proven", run);
+            }
+            Ok(None) => prop_assert!(reported.is_empty()),
+            Err(why) => {
+                prop_assert!(!reported.is_empty() && (5..9).all(|run| reports(run) <= 2), "{}", why);
+                prop_assert!(why.contains("`skein cluster down`"), "{}", why);
+            }
+        }
+        // Neither the order of the notes matters, nor a note that the operator has not signed.
+        let signed = notes.iter().rev().filter(|note| note.is_signed(&operator.key(), &lab()));
+        let signed: Vec<RunNote> = signed.copied().collect();
+        prop_assert_eq!(run(&reported, record, &signed, operator).ok(), decided.ok());
+    }
 }
