@@ -9,9 +9,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 pub use imp::{
-    Notifications, ask_to_end, become_program, check_own_folder, cpu_s, free_bytes, freeze, is_file_at, is_private,
-    is_root, is_running, kill, leave_session, make_private, mode, most_open_files, open_own, private_folder,
-    report_file_size_limit, set_mode, symlink, uptime_s, user_name,
+    Notifications, become_program, check_own_folder, cpu_s, end, free_bytes, freeze, is_file_at, is_private, is_root,
+    is_running, leave_session, make_private, mode, most_open_files, open_own, private_folder, report_file_size_limit,
+    set_mode, symlink, uptime_s, user_name,
 };
 use skein_lab::error::Error;
 use tokio::runtime::Runtime;
@@ -302,14 +302,10 @@ mod imp {
         matches!(tested, Some(Ok(()) | Err(rustix::io::Errno::PERM)))
     }
 
-    /// Asks a process to end (SIGTERM).
-    pub fn ask_to_end(pid: u32) {
-        let _ = process(pid).map(|pid| kill_process(pid, Signal::TERM));
-    }
-
-    /// Kills a process at once (SIGKILL).
-    pub fn kill(pid: u32) {
-        let _ = process(pid).map(|pid| kill_process(pid, Signal::KILL));
+    /// Asks a process to end (SIGTERM), or ends it at once by force (SIGKILL).
+    pub fn end(pid: u32, by_force: bool) {
+        let signal = if by_force { Signal::KILL } else { Signal::TERM };
+        let _ = process(pid).map(|pid| kill_process(pid, signal));
     }
 
     /// Leaves the session that started this process, so that the session's end does not end it.
@@ -456,9 +452,7 @@ mod imp {
         false
     }
 
-    pub fn ask_to_end(_pid: u32) {}
-
-    pub fn kill(_pid: u32) {}
+    pub fn end(_pid: u32, _by_force: bool) {}
 
     pub fn leave_session() {}
 

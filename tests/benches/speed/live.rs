@@ -241,7 +241,7 @@ impl Drop for Flight {
         let is_ours = |pid: &&u32| {
             fs::read_to_string(format!("/proc/{pid}/cmdline")).is_ok_and(|line| line.contains(&self.folder))
         };
-        self.agents.iter().filter(is_ours).for_each(|&pid| os::kill(pid));
+        self.agents.iter().filter(is_ours).for_each(|&pid| os::end(pid, true));
     }
 }
 

@@ -28,17 +28,10 @@ impl Process {
         os::is_running(self.pid) && stat(self.pid).map_or(self.began.is_none(), is_it)
     }
 
-    /// Sends SIGTERM, if it is running.
-    pub(super) fn ask_to_end(&self) {
+    /// Asks it to end, or ends it by force, if it is running.
+    pub(super) fn end(&self, by_force: bool) {
         if self.is_running() {
-            os::ask_to_end(self.pid);
-        }
-    }
-
-    /// Sends SIGKILL, if it is running.
-    pub(super) fn kill(&self) {
-        if self.is_running() {
-            os::kill(self.pid);
+            os::end(self.pid, by_force);
         }
     }
 }
@@ -81,7 +74,7 @@ mod tests {
         let mut child = Command::new("sleep").arg("60").stdin(Stdio::null()).spawn().unwrap();
         let process = Process { pid: child.id(), began: stat(child.id()).map(|(_, began)| began) };
         assert!(process.is_running());
-        process.kill();
+        process.end(true);
         if process.began.is_some() {
             // A zombie until it is waited for.
             let until = clock::now() + std::time::Duration::from_secs(10);

@@ -136,18 +136,18 @@ fn end(node: &NodeFolder, systemd: Option<(&Systemd, &SwarmFolder)>, within: Dur
     match (systemd, node.supervisor()) {
         // This also stops an agent that is about to be restarted.
         (Some((systemd, place)), _) => systemd.stop(&place.swarm, node)?,
-        (None, Some(supervisor)) => supervisor.ask_to_end(),
-        (None, None) => agent.iter().for_each(Process::ask_to_end),
+        (None, Some(supervisor)) => supervisor.end(false),
+        (None, None) => agent.iter().for_each(|agent| agent.end(false)),
     }
     let is_over = || !is_busy(node);
     let mut by_force = false;
     if !wait(within, is_over) {
         by_force = node.agent().is_some();
-        agent.iter().for_each(Process::ask_to_end);
+        agent.iter().for_each(|agent| agent.end(false));
         if !wait(FORCED_END, is_over) {
             // Kill the supervisor first, because it would restart the agent.
-            node.supervisor().iter().for_each(Process::kill);
-            node.agent().iter().for_each(|agent| agent.process.kill());
+            node.supervisor().iter().for_each(|supervisor| supervisor.end(true));
+            node.agent().iter().for_each(|agent| agent.process.end(true));
             if !wait(PROCESS_TIMEOUT, is_over) {
                 return Err(format!("the agent of node {} cannot be ended", node.id));
             }

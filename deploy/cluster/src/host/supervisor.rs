@@ -66,17 +66,10 @@ enum Agent {
 }
 
 impl Agent {
-    fn kill(&self) {
+    fn end(&self, by_force: bool) {
         match self {
-            Self::Own(child, _) => os::kill(child.id()),
-            Self::Found(process) => process.kill(),
-        }
-    }
-
-    fn ask_to_end(&self) {
-        match self {
-            Self::Own(child, _) => os::ask_to_end(child.id()),
-            Self::Found(process) => process.ask_to_end(),
+            Self::Own(child, _) => os::end(child.id(), by_force),
+            Self::Found(process) => process.end(by_force),
         }
     }
 
@@ -122,11 +115,11 @@ impl Supervised for NodeAgent<'_> {
     }
 
     fn kill(&mut self) {
-        self.agent.iter().for_each(Agent::kill);
+        self.agent.iter().for_each(|agent| agent.end(true));
     }
 
     fn ask_to_end(&mut self) {
-        self.agent.iter().for_each(Agent::ask_to_end);
+        self.agent.iter().for_each(|agent| agent.end(false));
     }
 
     fn requests(&self) -> u32 {
