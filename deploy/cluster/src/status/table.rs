@@ -10,12 +10,32 @@ use crate::display::status::shown_phase;
 /// Largest fleet whose nodes have a row each; beyond it, each team has one, as in the table of `fly`.
 const MAX_ROWS: usize = 16;
 
-const HEADER: [&str; 14] = [
-    "node", "version", "plant", "phase", "Hz", "jitter", "peers", "age", "clock ms", "links", "o/i", "fault",
-    "refused", "uptime",
+/// A column: its heading, its place in the order of importance, whether it holds text and not numbers, and its cell. Of the columns
+/// that do not fit, the one with the greatest place is left out first.
+type Column = (&'static str, u8, bool, fn(&HealthReport) -> String);
+
+/// The columns after that of the node.
+const COLUMNS: [Column; 13] = [
+    ("version", 13, true, |report| report.version.clone()),
+    ("plant", 12, true, |report| report.plant.clone()),
+    (PHASE, 1, true, |report| shown_phase(&report.phase, report.in_place_s).to_owned()),
+    ("Hz", 4, false, |report| format!("{:.0}", report.frame_rate_hz)),
+    ("jitter", 8, false, |report| format!("{:.1}", report.jitter_ms)),
+    ("peers", 5, false, |report| format!("{}/{}", report.peers_seen, report.peers)),
+    ("age", 6, false, age),
+    ("clock ms", 7, false, clock),
+    ("links", 9, false, |report| report.links.to_string()),
+    ("o/i", 10, false, |report| format!("{:.0}/{:.0}", report.sent_per_s, report.received_per_s)),
+    (
+        "fault",
+        2,
+        false,
+        |report| if report.faults.is_empty() { "-".to_owned() } else { report.faults.len().to_string() },
+    ),
+    ("refused", 3, false, |report| report.refused.to_string()),
+    ("uptime", 11, false, |report| uptime(report.uptime_s)),
 ];
-/// Place of each column in the order of importance: of those that do not fit, the one with the greatest is left out first.
-const RANKS: [u8; 14] = [0, 13, 12, 1, 4, 8, 5, 6, 7, 9, 10, 2, 3, 11];
+const PHASE: &str = "phase";
 /// Space after a column.
 const PADDING: u16 = 2;
 /// The meaning of every column, its unit, and which values are bad.
@@ -29,20 +49,16 @@ const LEGEND: [&str; 6] = [
 ];
 /// The meaning of the rows of teams.
 const OF_TEAMS: &str = "a row for each team, with its nodes in contact of all, and of each figure the worst of them; refused: of all of them";
-/// Columns with text; the others hold numbers.
-const TEXT_COLUMNS: [usize; 3] = [1, 2, 3];
 
 /// All of it; `remedy` is the last line if a node is not in contact.
 pub(super) fn of(status: &SwarmStatus, remedy: &str) -> String {
     let teams = if status.nodes.len() > MAX_ROWS { teams(status) } else { Vec::new() };
-    let mut header = HEADER;
-    let rows: Vec<[String; 14]> = if teams.is_empty() {
-        status.nodes.iter().map(|node| row(node.id.to_string(), node.report.as_ref())).collect()
+    let (first, rows): (&str, Vec<Vec<String>>) = if teams.is_empty() {
+        ("node", status.nodes.iter().map(|node| row(node.id.to_string(), node.report.as_ref())).collect())
     } else {
-        header[0] = "team";
-        teams.iter().map(|(team, nodes)| team_row(*team, nodes)).collect()
+        ("team", teams.iter().map(|(team, nodes)| team_row(*team, nodes)).collect())
     };
-    let mut text = fitting(header, &rows, Table::new().width().map(usize::from));
+    let mut text = fitting(first, &rows, Table::new().width().map(usize::from));
     let of_teams = (!teams.is_empty()).then_some(OF_TEAMS);
     of_teams.iter().chain(&LEGEND).for_each(|line| text += &format!("{line}\n"));
     status.nodes.iter().for_each(|node| text += &notes(node));
@@ -52,32 +68,37 @@ pub(super) fn of(status: &SwarmStatus, remedy: &str) -> String {
     text
 }
 
-/// The table with the columns that fit into `room`, and a line that counts the others.
-fn fitting(header: [&str; 14], rows: &[[String; 14]], room: Option<usize>) -> String {
+/// The table with the columns that fit into `room`, the first with this heading, and a line that counts the others.
+fn fitting(first: &'static str, rows: &[Vec<String>], room: Option<usize>) -> String {
+    // Heading, place in the order of importance, and whether it is text.
+    let columns: Vec<(&str, u8, bool)> = [(first, 0, false)]
+        .into_iter()
+        .chain(COLUMNS.map(|(title, rank, is_text, _)| (title, rank, is_text)))
+        .collect();
     let width = |nth: usize| {
-        let cells = rows.iter().map(|row| row[nth].as_str()).chain([header[nth]]);
+        let cells = rows.iter().map(|row| row[nth].as_str()).chain([columns[nth].0]);
         cells.map(|cell| cell.chars().count()).max().unwrap_or(0) + usize::from(PADDING)
     };
-    let mut shown: Vec<usize> = (0..header.len()).collect();
+    let mut shown: Vec<usize> = (0..columns.len()).collect();
     // The space after the last column is not printed.
     let needed = |shown: &[usize]| shown.iter().map(|nth| width(*nth)).sum::<usize>().saturating_sub(PADDING.into());
     while shown.len() > 1 && room.is_some_and(|room| needed(&shown) > room) {
-        let last = (0..shown.len()).max_by_key(|at| RANKS[shown[*at]]);
+        let last = (0..shown.len()).max_by_key(|at| columns[shown[*at]].1);
         last.map(|at| shown.remove(at));
     }
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_content_arrangement(ContentArrangement::Disabled);
-    table.set_header(shown.iter().map(|nth| header[*nth]));
+    table.set_header(shown.iter().map(|nth| columns[*nth].0));
     table.add_rows(rows.iter().map(|row| shown.iter().map(|nth| row[*nth].clone()).collect::<Vec<_>>()));
     for (column, nth) in table.column_iter_mut().zip(&shown) {
         column.set_padding((0, PADDING));
-        if !TEXT_COLUMNS.contains(nth) {
+        if !columns[*nth].2 {
             column.set_cell_alignment(CellAlignment::Right);
         }
     }
     let lines = table.to_string();
     let mut text: String = lines.lines().map(|line| format!("{}\n", line.trim_end())).collect();
-    let hidden: Vec<&str> = (0..header.len()).filter(|nth| !shown.contains(nth)).map(|nth| header[nth]).collect();
+    let hidden: Vec<&str> = (0..columns.len()).filter(|nth| !shown.contains(nth)).map(|nth| columns[nth].0).collect();
     if !hidden.is_empty() {
         text += &format!("no room for: {}; make the window wider\n", hidden.join(", "));
     }
@@ -91,7 +112,7 @@ fn teams(status: &SwarmStatus) -> Vec<(TeamId, &[NodeStatus])> {
 }
 
 /// The row of a team: the worst of its nodes in contact.
-fn team_row(team: TeamId, nodes: &[NodeStatus]) -> [String; 14] {
+fn team_row(team: TeamId, nodes: &[NodeStatus]) -> Vec<String> {
     let reports = nodes.iter().filter_map(|node| node.report.as_ref());
     let id = format!("{team} ({}/{})", reports.clone().count(), nodes.len());
     row(id, reports.cloned().reduce(worst).as_ref())
@@ -131,29 +152,12 @@ fn worst(one: HealthReport, other: HealthReport) -> HealthReport {
     }
 }
 
-fn row(id: String, report: Option<&HealthReport>) -> [String; 14] {
-    let Some(report) = report else {
-        let mut row = [(); 14].map(|()| "-".to_owned());
-        row[0] = id;
-        row[3] = "not in contact".to_owned();
-        return row;
+fn row(id: String, report: Option<&HealthReport>) -> Vec<String> {
+    let cell = |(title, _, _, cell): Column| match report {
+        Some(report) => cell(report),
+        None => if title == PHASE { "not in contact" } else { "-" }.to_owned(),
     };
-    [
-        id,
-        report.version.clone(),
-        report.plant.clone(),
-        shown_phase(&report.phase, report.in_place_s).to_owned(),
-        format!("{:.0}", report.frame_rate_hz),
-        format!("{:.1}", report.jitter_ms),
-        format!("{}/{}", report.peers_seen, report.peers),
-        age(report),
-        clock(report),
-        report.links.to_string(),
-        format!("{:.0}/{:.0}", report.sent_per_s, report.received_per_s),
-        if report.faults.is_empty() { "-".to_owned() } else { report.faults.len().to_string() },
-        report.refused.to_string(),
-        uptime(report.uptime_s),
-    ]
+    [id].into_iter().chain(COLUMNS.map(cell)).collect()
 }
 
 /// The upper bound of the age; with `>` it lacks a delay that is not known yet.
@@ -236,11 +240,13 @@ mod tests {
             "12345",
             "123:25:10",
         ];
-        let rows = [cells.map(str::to_owned), row("3".to_owned(), None)];
-        let all: usize = fitting(HEADER, &rows, None).lines().map(|line| line.chars().count()).max().unwrap();
+        let rows = [cells.map(str::to_owned).to_vec(), row("3".to_owned(), None)];
+        let title = |nth: usize| if nth == 0 { "node" } else { COLUMNS[nth - 1].0 };
+        let rank = |nth: usize| if nth == 0 { 0 } else { COLUMNS[nth - 1].1 };
+        let all: usize = fitting("node", &rows, None).lines().map(|line| line.chars().count()).max().unwrap();
         let mut before = 0;
         for room in 20..=200 {
-            let text = fitting(HEADER, &rows, Some(room));
+            let text = fitting("node", &rows, Some(room));
             let lines: Vec<&str> = text.lines().collect();
             assert!(lines[..3].iter().all(|line| line.chars().count() <= room), "{room}: {text}");
             let shown: Vec<usize> =
@@ -248,10 +254,10 @@ mod tests {
             let words = |line: &str| line.split_whitespace().collect::<Vec<_>>().join(" ");
             let expected =
                 |of: &dyn Fn(usize) -> String| words(&shown.iter().map(|nth| of(*nth)).collect::<Vec<_>>().join(" "));
-            assert_eq!(words(lines[0]), expected(&|nth| HEADER[nth].to_owned()), "{room}: {text}");
+            assert_eq!(words(lines[0]), expected(&|nth| title(nth).to_owned()), "{room}: {text}");
             assert_eq!(words(lines[1]), expected(&|nth| cells[nth].to_owned()), "{room}: {text}");
             assert_eq!(words(lines[2]), expected(&|nth| rows[1][nth].clone()), "{room}: {text}");
-            let ranks: std::collections::BTreeSet<u8> = shown.iter().map(|nth| RANKS[*nth]).collect();
+            let ranks: std::collections::BTreeSet<u8> = shown.iter().map(|nth| rank(*nth)).collect();
             assert_eq!(ranks, (0..shown.len() as u8).collect(), "the most important ones, at {room}: {text}");
             assert!(shown.len() >= before);
             before = shown.len();
