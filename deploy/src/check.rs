@@ -16,7 +16,7 @@ use skein_core::hover::{self, Hover};
 use skein_agent::config::fleet;
 
 use crate::fly::script;
-use crate::prepare::{self as flight, Prepared, Target};
+use crate::prepare::{self as flight, Prepared};
 use skein_cluster::inventory::find;
 use skein_cluster::nodes::is_seconds;
 use skein_lab::error::Error;
@@ -119,20 +119,13 @@ fn lines(teams: &[Loaded]) -> Vec<Explained> {
     lines
 }
 
-/// Checks whether the scenario can fly.
+/// Checks whether the scenario can fly: in real time, unless only a study can fly it.
 pub(crate) fn verdict(args: &CheckArgs, loaded: &Loaded) -> Result<Prepared, Error> {
-    flight::prepare(&args.scenario, &loaded.scenario, target(loaded), &mut Trial::default())
-}
-
-/// The target to check for: a flight in real time, unless only a study can fly the scenario.
-fn target(loaded: &Loaded) -> Target<'static> {
-    match loaded.scenario.control.mode {
-        ControlMode::Central => {
-            eprintln!("control.mode = \"central\": checked for a study, because `skein fly` does not fly it");
-            Target::Study
-        }
-        ControlMode::Each => Target::Fly { xplanes: &[] },
+    let is_live = loaded.scenario.control.mode == ControlMode::Each;
+    if !is_live {
+        eprintln!("control.mode = \"central\": checked for a study, because `skein fly` does not fly it");
     }
+    flight::prepare(&args.scenario, &loaded.scenario, is_live.then_some(&[]), &mut Trial::default())
 }
 
 /// Formats a line for each key: key, value, origin.

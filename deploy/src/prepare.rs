@@ -13,18 +13,6 @@ use skein_lab::external::Trial;
 use skein_lab::prepare;
 use skein_lab::scenario::{Ready, ScenarioArgs};
 
-/// Where to fly a scenario.
-#[derive(Clone, Copy, Debug)]
-pub enum Target<'a> {
-    /// In real time on this PC.
-    Fly {
-        /// The X-Planes that the command names: none, that of vehicle 1, or one for each vehicle.
-        xplanes: &'a [HostPort],
-    },
-    /// In virtual time.
-    Study,
-}
-
 /// A scenario that can fly.
 #[derive(Clone, Debug)]
 pub struct Prepared {
@@ -36,21 +24,19 @@ pub struct Prepared {
 
 /// Checks that this scenario, as read by [`ScenarioArgs::read`], can fly: that agents of this build support it, that
 /// its files exist and are valid, that its external law starts and gets ready, and that its X-Planes answer. One
-/// `trial` of an external law can serve several scenarios.
+/// `trial` of an external law can serve several scenarios. `named` are the X-Planes that the command names for a flight in real
+/// time: none, that of vehicle 1, or one for each vehicle. Without `named` it flies in virtual time.
 ///
 /// # Errors
 /// The first reason why it cannot fly, with its place in the file and a remedy.
 pub fn prepare(
     args: &ScenarioArgs,
     scenario: &Scenario,
-    target: Target<'_>,
+    named: Option<&[HostPort]>,
     trial: &mut Trial,
 ) -> Result<Prepared, Error> {
     let refused = |why: String| Error::Refused(format!("{}: {why}", args.name()));
-    let time = match target {
-        Target::Fly { .. } => Time::Real,
-        Target::Study => Time::Virtual,
-    };
+    let time = if named.is_some() { Time::Real } else { Time::Virtual };
     if time == Time::Real {
         check_live(scenario).map_err(|why| refused(why.to_string()))?;
     }
@@ -62,10 +48,8 @@ pub fn prepare(
     } else {
         prepare::prepare(args, scenario, time, trial)?
     };
-    let xplanes = match target {
-        Target::Fly { xplanes } if flies_in_given => simulators::addresses(scenario, xplanes)?,
-        Target::Fly { .. } | Target::Study => Vec::new(),
-    };
+    let named = named.filter(|_| flies_in_given);
+    let xplanes = named.map_or_else(|| Ok(Vec::new()), |named| simulators::addresses(scenario, named))?;
     simulators::ask_all(&xplanes)?;
     Ok(Prepared { ready, xplanes })
 }

@@ -6,7 +6,7 @@ use skein_agent::config::fleet;
 use skein_common::scenario::{Described, Loaded, PlantKind, Scenario, Simulator};
 
 use super::{FlyArgs, PlantArg};
-use crate::prepare::{Prepared, Target, prepare};
+use crate::prepare::{Prepared, prepare};
 use skein_cluster::simulators;
 use skein_lab::error::Error;
 use skein_lab::external::Trial;
@@ -56,10 +56,8 @@ impl Plans {
             return Err(refused("a fleet flies in the built-in plant or in stand-ins".to_owned()));
         }
         let mut trial = Trial::default();
-        let ready = described.all().iter().map(|team| {
-            let target = Target::Fly { xplanes: &args.xplane };
-            prepare(&args.scenario, &team.scenario, target, &mut trial)
-        });
+        let teams = described.all().iter();
+        let ready = teams.map(|team| prepare(&args.scenario, &team.scenario, Some(&args.xplane), &mut trial));
         let ready = ready.collect::<Result<Vec<_>, _>>()?;
         let warnings = ready.first().into_iter().flat_map(|first| first.ready.rules.warnings.iter());
         warnings.for_each(|warning| complain(&format!("warning: {warning}")));
