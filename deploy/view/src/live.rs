@@ -248,33 +248,21 @@ impl Watcher {
     /// Makes the frame of this moment; a snapshot only for a page.
     fn frame(&mut self, now: Instant, is_wanted: bool) -> Frame {
         let (events, problem) = (Arc::clone(&self.events), self.problem.clone());
-        let Some(watched) = &mut self.watched else { return Frame { events, problem, ..Frame::default() } };
-        let hello = Some((watched.hello.clone(), self.number));
-        let place = Some(Arc::clone(&watched.place));
+        let frame = Frame { events, problem, ..Frame::default() };
+        let Some(watched) = &mut self.watched else { return frame };
         watched.wanted = watched.wanted.filter(|_| is_wanted).or(is_wanted.then_some(now));
         for observer in watched.observers.each() {
             if let Err(error) = observer.subscribe_to_summaries(is_wanted) {
                 tracing::warn!("cannot subscribe to the summaries: {error}");
             }
         }
-        if !watched.has_summaries(now) {
-            return Frame { hello, events, problem, zero: watched.zero, place, ..Frame::default() };
-        }
-        let (snapshot, observed) = watched.snapshot(now);
-        let json = snapshot.to_json(&BTreeSet::new(), None::<&Field>);
-        let places = snapshot.places().map(Bytes::from);
-        Frame {
-            hello,
-            problem,
-            events,
-            zero: watched.zero,
-            json: Some(json.into()),
-            places,
-            snapshot: Some(snapshot),
-            place,
-            swarm: Some(Arc::clone(&watched.teams)),
-            observed,
-        }
+        let shown = watched.has_summaries(now).then(|| watched.snapshot(now));
+        let hello = Some((watched.hello.clone(), self.number));
+        let frame = Frame { hello, zero: watched.zero, place: Some(Arc::clone(&watched.place)), ..frame };
+        let Some((snapshot, observed)) = shown else { return frame };
+        let json = Some(snapshot.to_json(&BTreeSet::new(), None::<&Field>).into());
+        let (places, swarm) = (snapshot.places().map(Bytes::from), Some(Arc::clone(&watched.teams)));
+        Frame { json, places, snapshot: Some(snapshot), swarm, observed, ..frame }
     }
 }
 

@@ -23,7 +23,6 @@ mod frames;
 mod modes;
 mod telemetry;
 
-use bridge::SystemIds;
 use edge::Station;
 
 /// Number of the message with the autopilot's version.
@@ -59,8 +58,7 @@ impl MavlinkArgs {
                 "--orders: every program that sends from {name} could order the swarm: sign with a key, --mavlink-key FILE"
             )));
         }
-        let ids = SystemIds { offset: self.mavlink_id_offset };
-        Station::open(address, frames::Frames::new(key), orders.is_some(), ids).map(Some)
+        Station::open(address, frames::Frames::new(key), orders.is_some(), self.mavlink_id_offset).map(Some)
     }
 }
 

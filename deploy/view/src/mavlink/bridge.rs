@@ -67,21 +67,6 @@ pub(super) struct Bridge {
     next_text: u16,
 }
 
-/// The system ids of a swarm: those from 1 on, moved by an offset that the operator gives, so that a ground station can tell the
-/// vehicles of two swarms apart.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct SystemIds {
-    /// The system id of the first vehicle less 1.
-    pub(super) offset: u8,
-}
-
-impl SystemIds {
-    /// Number of vehicles that have a system id.
-    pub(super) fn count(self) -> usize {
-        LAST_SYSTEM.saturating_sub(self.offset).into()
-    }
-}
-
 /// One vehicle as a system of MAVLink, with what was sent of it.
 struct System {
     name: VehicleName,
@@ -104,11 +89,11 @@ struct System {
 }
 
 impl Bridge {
-    /// A swarm, or the teams of a fleet. In a swarm the system id is the vehicle's id and the offset; in a fleet vehicles are
-    /// numbered through.
-    pub(super) fn new(teams: &[Team], takes_orders: bool, ids: SystemIds) -> Self {
+    /// A swarm, or the teams of a fleet. In a swarm the system id is the vehicle's id and the offset that the operator gives, so that
+    /// a ground station can tell the vehicles of two swarms apart; in a fleet vehicles are numbered through.
+    pub(super) fn new(teams: &[Team], takes_orders: bool, offset: u8) -> Self {
         let systems = teams.iter().flat_map(|team| team.scenario.ids().map(|id| System::new(team, team.name(id))));
-        let vehicles: BTreeMap<u8, System> = (ids.offset + 1..=LAST_SYSTEM).zip(systems).collect();
+        let vehicles: BTreeMap<u8, System> = (offset + 1..=LAST_SYSTEM).zip(systems).collect();
         let systems = vehicles.iter().map(|(system, vehicle)| (vehicle.name, *system)).collect();
         Self { vehicles, systems, takes_orders, next_text: 1 }
     }

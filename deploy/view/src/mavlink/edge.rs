@@ -13,7 +13,7 @@ use skein_lab::error::Error;
 use skein_lab::terminal::complain;
 use tokio::sync::watch;
 
-use super::bridge::{Bridge, LAST_SYSTEM, Outgoing, Requested, SystemIds};
+use super::bridge::{Bridge, LAST_SYSTEM, Outgoing, Requested};
 use super::frames::Frames;
 use crate::live::Frame;
 use skein_cluster::mesh::order::{self, Chosen};
@@ -36,12 +36,13 @@ pub(crate) struct Station {
     socket: UdpSocket,
     codec: Frames,
     takes_orders: bool,
-    ids: SystemIds,
+    /// The system id of the first vehicle less 1.
+    offset: u8,
 }
 
 impl Station {
     /// Opens the socket of the ground station at this address.
-    pub(super) fn open(address: SocketAddr, codec: Frames, takes_orders: bool, ids: SystemIds) -> Result<Self, Error> {
+    pub(super) fn open(address: SocketAddr, codec: Frames, takes_orders: bool, offset: u8) -> Result<Self, Error> {
         let failed = |error: std::io::Error| Error::Failed(format!("--mavlink {address}: {error}"));
         let own: SocketAddr = match address {
             SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
@@ -51,7 +52,7 @@ impl Station {
         // Nothing is received from other addresses.
         socket.connect(address).map_err(failed)?;
         socket.set_read_timeout(Some(WAIT)).map_err(failed)?;
-        Ok(Self { socket, codec, takes_orders, ids })
+        Ok(Self { socket, codec, takes_orders, offset })
     }
 
     /// Serves the ground station on threads of its own, until the process ends.
@@ -136,14 +137,14 @@ impl Edge {
         let (Some((_, number)), Some((teams, observed))) = (&frame.hello, frame.observed()) else { return };
         if self.bridge.as_ref().is_none_or(|(known, _)| known != number) {
             let count: usize = teams.iter().map(|team| team.scenario.ids().count()).sum();
-            let ids = self.station.ids;
-            if count > ids.count() {
+            let offset = self.station.offset;
+            let most = LAST_SYSTEM.saturating_sub(offset);
+            if count > usize::from(most) {
                 complain(&format!(
-                    "--mavlink: {} of {count} vehicles are shown: MAVLink has no system ids above {LAST_SYSTEM} for more",
-                    ids.count()
+                    "--mavlink: {most} of {count} vehicles are shown: MAVLink has no system ids above {LAST_SYSTEM} for more"
                 ));
             }
-            self.bridge = Some((*number, Bridge::new(teams, self.station.takes_orders, ids)));
+            self.bridge = Some((*number, Bridge::new(teams, self.station.takes_orders, offset)));
             // What happened before is past.
             self.next_event = frame.events.count();
         }
