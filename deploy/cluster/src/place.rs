@@ -76,10 +76,7 @@ pub fn run(args: &PlaceArgs) -> Result<(), Error> {
         return Err(Error::Refused(format!("--vehicle {}: {} has no such vehicle", args.vehicle, scenario.name)));
     };
     let written = scenario.vehicle(args.vehicle).and_then(|vehicle| vehicle.web.as_deref());
-    let web = match WebChoice::or_of(args.web.as_ref(), written, &args.xplane) {
-        WebChoice::Off => None,
-        WebChoice::At(at) => Some(WebApi::open(&at)),
-    };
+    let web = WebChoice::or_of(args.web.as_ref(), written, &args.xplane).open();
     let surveyor = Surveyor::open(&args.xplane.to_string())?;
     let lines = placed(&surveyor, web, &scenario, |_| (!args.weather_only).then_some(start))?;
     terminal::say(&if args.json { terminal::json(&lines) } else { as_table(&lines, false) });
@@ -122,14 +119,9 @@ pub(crate) fn before_flight_of(scenario: &Scenario, id: VehicleId, address: &str
 fn begin_at_start(scenario: &Scenario, id: VehicleId, address: &str) -> Result<Vec<Line>, Error> {
     let xplane: HostPort = address.parse().map_err(|why| Error::Refused(format!("{address}: {why}")))?;
     let written = scenario.vehicle(id).and_then(|vehicle| vehicle.web.as_deref());
-    let web = match WebChoice::or_of(None, written, &xplane) {
-        WebChoice::Off => None,
-        WebChoice::At(at) => match WebApi::open(&at) {
-            // X-Plane 11 has none.
-            Err(WebError::Absent(..)) if written.is_none() => None,
-            found => Some(found),
-        },
-    };
+    let web = WebChoice::or_of(None, written, &xplane).open();
+    // X-Plane 11 has none.
+    let web = web.filter(|web| !matches!(web, Err(WebError::Absent(..))) || written.is_some());
     let start = start_of(scenario, id).filter(|_| scenario.start.pattern != StartPattern::AsIs);
     placed(&Surveyor::open(address)?, web, scenario, |position| start.filter(|_| !position.is_some_and(is_flying)))
 }
@@ -142,7 +134,7 @@ fn placed(
     scenario: &Scenario,
     start: impl FnOnce(Option<&Position>) -> Option<Placement>,
 ) -> Result<Vec<Line>, Error> {
-    let place = surveyor.simulator().to_string();
+    let place = surveyor.simulator.to_string();
     let found = surveyor.survey(&[], 10, WATCHED, false)?;
     if !found.has_answered() {
         let silent = format!("no answer within {} s", SILENT.as_secs());
@@ -150,14 +142,8 @@ fn placed(
         return Ok(vec![Line::new(place, "answer", silent).fault(remedy)]);
     }
     let mut lines = Vec::new();
-    let web = match web {
-        None => None,
-        Some(Ok(web)) => Some(web),
-        Some(Err(error)) => {
-            lines.push(Line::new(&place, "web API", error.to_string()).unknown());
-            None
-        }
-    };
+    let is_missing = |error: &WebError| lines.push(Line::new(&place, "web API", error.to_string()).unknown());
+    let web = web.and_then(|web| web.inspect_err(is_missing).ok());
     let flights = web.as_ref().filter(|web| web.starts_flights());
     let start = start(found.position.as_ref());
     let at = start.as_ref().map_or_else(|| here(scenario, found.position.as_ref()), geodetic);

@@ -19,6 +19,7 @@ use skein_lab::scenario::ScenarioArgs;
 use skein_lab::terminal;
 
 use crate::new::discover;
+use skein_cluster::bundle::hex;
 use skein_cluster::findings::{self, Line, verdict};
 use skein_cluster::os;
 use skein_cluster::place;
@@ -72,16 +73,6 @@ fn path_element(nth: usize) -> String {
     format!("{ACF}[{nth}]")
 }
 
-/// The files and the scenario that an X-Plane is checked against.
-struct LookedAt<'a> {
-    /// Datarefs of the aircraft.
-    profile: &'a Profile,
-    /// The scenario, if one was named.
-    scenario: Option<&'a Scenario>,
-    /// Where its Web API is looked for.
-    web: &'a WebChoice,
-}
-
 /// Checks the X-Plane and prints a line for each thing; with `--report`, gathers a minute of datagrams into that file too.
 ///
 /// # Errors
@@ -90,10 +81,9 @@ pub(crate) fn run(args: &XplaneCheckArgs) -> Result<(), Error> {
     let names_a_scenario = args.scenario.scenario.is_some() || !args.scenario.sets.is_empty();
     let (scenario, profile) = flown(&args.scenario)?;
     let web = WebChoice::or_of(args.web.as_ref(), web_of(&scenario, &args.xplane), &args.xplane);
-    let looked_at = LookedAt { profile: &profile, scenario: names_a_scenario.then_some(&scenario), web: &web };
     let address = args.xplane.to_string();
     let surveyor = Surveyor::open(&address)?;
-    let lines = lines(&address, &surveyor, &looked_at)?;
+    let lines = lines(&address, &surveyor, &profile, names_a_scenario.then_some(&scenario), &web)?;
     if let Some(path) = &args.report {
         write_report(path, &surveyor, &profile, &lines, REPORTED)?;
     }
@@ -116,9 +106,15 @@ fn web_of<'a>(scenario: &'a Scenario, simulator: &HostPort) -> Option<&'a str> {
     scenario.ids().filter_map(|id| scenario.vehicle(id)).find(its)?.web.as_deref()
 }
 
-/// Checks the X-Plane at this address.
-fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<Vec<Line>, Error> {
-    let &LookedAt { profile, scenario, web } = looked_at;
+/// Checks the X-Plane at this address with the datarefs of this aircraft, against the scenario if one was named. Its Web API is looked
+/// for where `web` says.
+fn lines(
+    place: &str,
+    surveyor: &Surveyor,
+    profile: &Profile,
+    scenario: Option<&Scenario>,
+    web: &WebChoice,
+) -> Result<Vec<Line>, Error> {
     let beacon = std::thread::spawn(|| discover::heard(WATCHED));
     let survey = surveyor.survey(&wanted(profile), WANTED_HZ, WATCHED, false)?;
     let mut lines = Vec::new();
@@ -128,7 +124,7 @@ fn lines(place: &str, surveyor: &Surveyor, looked_at: &LookedAt<'_>) -> Result<V
         let web = web::WebChecks::of(web);
         lines.extend(web.lines(place, &survey, profile));
         // A thread that panicked has printed the reason.
-        lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator().port(), heard)));
+        lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator.port(), heard)));
         lines.push(frames(place, &survey));
         let value = |path: &str| web.number(path).or_else(|| survey.value(path).map(f64::from));
         lines.extend(states(place, &value));
@@ -412,12 +408,8 @@ fn write_report(
     terminal::complain(&format!("gathers datagrams for {} s", time.as_secs()));
     let survey = surveyor.survey(&wanted(profile), WANTED_HZ, time, true)?;
     let mut text = json!({ "skein": crate::version::line(), "checks": lines, "values": survey.values }).to_string();
-    for datagram in &survey.datagrams {
-        let hex = datagram.bytes.iter().fold(String::new(), |mut hex, byte| {
-            let _ = write!(hex, "{byte:02x}");
-            hex
-        });
-        let _ = write!(text, "\n{}", json!({ "after_s": datagram.after_s, "datagram": hex }));
+    for (after_s, bytes) in &survey.datagrams {
+        let _ = write!(text, "\n{}", json!({ "after_s": after_s, "datagram": hex(bytes) }));
     }
     text.push('\n');
     out::write(path, text)?;

@@ -38,15 +38,6 @@ const WRITTEN_WITHIN: Duration = Duration::from_secs(3);
 /// Largest random first index: the indices above it are still positive.
 const FIRST_INDEX_MASK: i32 = 0x3FFF_FFFF;
 
-/// A datagram as it arrived, s after the survey began.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Arrived {
-    /// When it came, s after the survey began.
-    pub after_s: f64,
-    /// Its contents.
-    pub bytes: Vec<u8>,
-}
-
 /// The answers of one X-Plane.
 #[derive(Clone, Debug, Default)]
 pub struct Survey {
@@ -58,15 +49,16 @@ pub struct Survey {
     pub position: Option<Position>,
     /// Datagrams of this simulator that follow no known layout.
     pub malformed: u64,
-    /// All datagrams, if they are kept.
-    pub datagrams: Vec<Arrived>,
+    /// All datagrams, each with the time when it came, s after the survey began; none unless they are kept.
+    pub datagrams: Vec<(f64, Vec<u8>)>,
 }
 
 /// A socket to one X-Plane.
 #[derive(Debug)]
 pub struct Surveyor {
     socket: UdpSocket,
-    simulator: SocketAddr,
+    /// Address of the simulator.
+    pub simulator: SocketAddr,
 }
 
 impl Surveyor {
@@ -79,11 +71,6 @@ impl Surveyor {
         let socket = UdpSocket::bind((listen_for(simulator.ip()), 0))
             .map_err(|error| Error::Failed(format!("cannot open a UDP socket: {error}")))?;
         Ok(Self { socket, simulator })
-    }
-
-    /// Address of the simulator.
-    pub fn simulator(&self) -> SocketAddr {
-        self.simulator
     }
 
     /// Asks for these datarefs and, at `positions_hz` (0: none), for positions; receives for this time, or until all
@@ -118,7 +105,7 @@ impl Surveyor {
             let after_s = clock::now().saturating_duration_since(begin).as_secs_f64();
             survey.take(&buffer[..size], datarefs, first, after_s);
             if keeps_datagrams {
-                survey.datagrams.push(Arrived { after_s, bytes: buffer[..size].to_vec() });
+                survey.datagrams.push((after_s, buffer[..size].to_vec()));
             }
         }
         self.subscribe(datarefs, first, 0, 0);

@@ -61,6 +61,14 @@ impl WebChoice {
             None => Self::Off,
         }
     }
+
+    /// Looks for it there; `None` if it is not to be looked for.
+    pub fn open(&self) -> Option<Result<WebApi, WebError>> {
+        match self {
+            Self::Off => None,
+            Self::At(at) => Some(WebApi::open(at)),
+        }
+    }
 }
 
 /// Why there is no answer of use.

@@ -56,10 +56,6 @@ impl Drop for Running {
     }
 }
 
-fn looked_at<'a>(profile: &'a Profile, scenario: Option<&'a Scenario>, web: &'a WebChoice) -> LookedAt<'a> {
-    LookedAt { profile, scenario, web }
-}
-
 fn state(lines: &[Line], what: &str) -> State {
     lines.iter().find(|line| line.what == what).unwrap_or_else(|| panic!("{what}: {lines:#?}")).state
 }
@@ -70,7 +66,7 @@ fn an_x_plane_ready_for_an_agent_has_no_fault_and_a_missing_dataref_is_named() {
     let text = "name = \"far\"\n[origin]\nlatitude_deg = 29.0\nlongitude_deg = -82.0\nelevation_m = 0\n[swarm]\nvehicles = 1\n";
     let scenario = load(&Source { name: "far.toml", text }, &[]).unwrap().scenario;
     let mut profile = Profile::default();
-    let found = lines("here", &running.surveyor(), &looked_at(&profile, Some(&scenario), &WebChoice::Off)).unwrap();
+    let found = lines("here", &running.surveyor(), &profile, Some(&scenario), &WebChoice::Off).unwrap();
     for what in [
         "answer",
         "version",
@@ -93,7 +89,7 @@ fn an_x_plane_ready_for_an_agent_has_no_fault_and_a_missing_dataref_is_named() {
     let missing = skein_core::aircraft::Dataref::new("laminar/r22/rotor_collective_ratio").unwrap();
     profile.collective.push(missing);
     profile.acf = Some("R22".to_owned());
-    let found = lines("here", &running.surveyor(), &looked_at(&profile, None, &WebChoice::Off)).unwrap();
+    let found = lines("here", &running.surveyor(), &profile, None, &WebChoice::Off).unwrap();
     let line = found.iter().find(|line| line.what == "dataref").unwrap();
     assert!(line.state == State::Fault && line.found.starts_with("laminar/r22/rotor_collective_ratio"), "{line:?}");
     let loaded = found.iter().find(|line| line.what == "aircraft").unwrap();
@@ -122,7 +118,7 @@ fn a_path_that_was_not_read_to_its_end_is_no_fault() {
     let acf = format!("Aircraft/{}/R22.acf", "x".repeat(PATH_CHARACTERS));
     let running = Running::with(&["--acf", &acf]);
     let profile = Profile { acf: Some("R22".to_owned()), ..Profile::default() };
-    let found = lines("here", &running.surveyor(), &looked_at(&profile, None, &WebChoice::Off)).unwrap();
+    let found = lines("here", &running.surveyor(), &profile, None, &WebChoice::Off).unwrap();
     assert_eq!(state(&found, "aircraft"), State::Warning, "{found:#?}");
 }
 
@@ -131,7 +127,7 @@ fn the_web_api_says_which_datarefs_exist_and_which_aircraft_is_loaded() {
     let long = format!("Aircraft/{}/R22.acf", "x".repeat(PATH_CHARACTERS));
     let running = Running::with(&["--web", "0", "--acf", &long]);
     let mut profile = Profile { acf: Some("R22".to_owned()), ..Profile::default() };
-    let found = lines("here", &running.surveyor(), &looked_at(&profile, None, &running.web)).unwrap();
+    let found = lines("here", &running.surveyor(), &profile, None, &running.web).unwrap();
     for what in ["web API", "web datarefs", "aircraft"] {
         assert_eq!(state(&found, what), State::Good, "{what}: {found:#?}");
     }
@@ -139,10 +135,10 @@ fn the_web_api_says_which_datarefs_exist_and_which_aircraft_is_loaded() {
     assert!(api.found.starts_with("v1, v2, v3 of X-Plane 12.4.0, "), "{api:?}");
     let dataref = |path: &str| skein_core::aircraft::Dataref::new(path).unwrap();
     profile.collective.push(dataref("laminar/r22/rotor_collective_ratio"));
-    let found = lines("here", &running.surveyor(), &looked_at(&profile, None, &running.web)).unwrap();
+    let found = lines("here", &running.surveyor(), &profile, None, &running.web).unwrap();
     assert_eq!(state(&found, "web datarefs"), State::Good, "the aircraft's own dataref: {found:#?}");
     profile.collective.push(dataref("laminar/s76/rotor_collective_ratio"));
-    let found = lines("here", &running.surveyor(), &looked_at(&profile, None, &running.web)).unwrap();
+    let found = lines("here", &running.surveyor(), &profile, None, &running.web).unwrap();
     assert_eq!(state(&found, "web datarefs"), State::Fault);
 }
 
@@ -166,7 +162,7 @@ fn the_states_are_read_by_the_web_api_where_it_answers_and_the_command_that_rese
     surveyor.command("sim/operation/pause_off");
     assert!(surveyor.reads(&[PAUSED.to_owned()], 0.0).unwrap());
     assert_eq!(state(&states("here", &|path| web.number(path)), "speed"), State::Warning);
-    let found = lines("here", &surveyor, &looked_at(&Profile::default(), None, &running.web)).unwrap();
+    let found = lines("here", &surveyor, &Profile::default(), None, &running.web).unwrap();
     assert_eq!((state(&found, "replay"), state(&found, "web commands")), (State::Fault, State::Good), "{found:#?}");
     assert!(states("here", &|_| None).iter().all(|line| line.state == State::Unknown));
 }
@@ -176,11 +172,11 @@ fn a_web_api_that_is_missing_is_no_fault() {
     let running = Running::begin();
     let nobody = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let web = nobody.to_string().parse().unwrap();
-    let found = lines("here", &running.surveyor(), &looked_at(&Profile::default(), None, &web)).unwrap();
+    let found = lines("here", &running.surveyor(), &Profile::default(), None, &web).unwrap();
     assert_eq!(state(&found, "web API"), State::Unknown);
     verdict(&found).unwrap();
     let old = Running::with(&["--version", "11"]);
-    let found = lines("here", &old.surveyor(), &looked_at(&Profile::default(), None, &web)).unwrap();
+    let found = lines("here", &old.surveyor(), &Profile::default(), None, &web).unwrap();
     assert_eq!(state(&found, "web API"), State::Good, "X-Plane 11 has none");
 }
 
@@ -188,7 +184,7 @@ fn a_web_api_that_is_missing_is_no_fault() {
 fn no_answer_is_one_fault() {
     let silent = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let surveyor = Surveyor::open(&silent.local_addr().unwrap().to_string()).unwrap();
-    let found = lines("there", &surveyor, &looked_at(&Profile::default(), None, &WebChoice::Off)).unwrap();
+    let found = lines("there", &surveyor, &Profile::default(), None, &WebChoice::Off).unwrap();
     assert!(matches!(&found[..], [line] if line.state == State::Fault && line.what == "answer"), "{found:#?}");
 }
 
@@ -217,7 +213,7 @@ fn controls_that_a_dead_agent_held_are_given_back() {
     assert!(surveyor.reads(&overrides, 1.0).unwrap(), "the agent held them");
     let peer = ["sim/operation/override/override_planepath[2]".to_owned()];
     surveyor.write(&peer[0], 1.0);
-    let held = lines("here", &surveyor, &looked_at(&Profile::default(), None, &WebChoice::Off)).unwrap();
+    let held = lines("here", &surveyor, &Profile::default(), None, &WebChoice::Off).unwrap();
     assert_eq!(state(&held, "overrides"), State::Warning, "the check does not touch them");
     assert!(surveyor.reads(&overrides, 1.0).unwrap());
     let xplanes = vec![running.address.to_string().parse().unwrap()];

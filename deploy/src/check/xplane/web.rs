@@ -10,56 +10,44 @@ use skein_cluster::simulators::web::{WebApi, WebChoice, WebError};
 /// First version number with a Web API, and the first that starts flights.
 const FIRST: f32 = 121_100.0;
 
-/// The Web API as it was found.
-pub(super) enum WebChecks {
-    /// It was not looked for.
-    Off,
-    /// It answers.
-    There(Box<WebApi>),
-    /// It does not.
-    Not(WebError),
-}
+/// The Web API as it was found, if it was looked for.
+pub(super) struct WebChecks(Option<Result<WebApi, WebError>>);
 
 impl WebChecks {
     pub(super) fn of(choice: &WebChoice) -> Self {
-        match choice {
-            WebChoice::Off => Self::Off,
-            WebChoice::At(at) => WebApi::open(at).map_or_else(Self::Not, |api| Self::There(Box::new(api))),
-        }
+        Self(choice.open())
+    }
+
+    fn api(&self) -> Option<&WebApi> {
+        self.0.as_ref()?.as_ref().ok()
     }
 
     /// Path of the loaded aircraft's file.
     pub(super) fn aircraft(&self) -> Option<String> {
-        match self {
-            Self::There(api) => api.text(ACF),
-            _ => None,
-        }
+        self.api()?.text(ACF)
     }
 
     /// The exact value of a number; `None` where UDP has to answer.
     pub(super) fn number(&self, name: &str) -> Option<f64> {
-        match self {
-            Self::There(api) => api.number(name),
-            _ => None,
-        }
+        self.api()?.number(name)
     }
 
     /// Whether it is there, and whether it lists every dataref of the aircraft's file and every command that Skein sends.
     pub(super) fn lines(&self, place: &str, survey: &Survey, profile: &Profile) -> Vec<Line> {
         let line = |found: String| Line::new(place, "web API", found);
-        match self {
-            Self::Off => {
+        match &self.0 {
+            None => {
                 vec![line("not looked for: it answers on the X-Plane's own PC only, see --web".to_owned()).unknown()]
             }
-            Self::Not(WebError::Forbidden(at)) => vec![
+            Some(Err(WebError::Forbidden(at))) => vec![
                 line(format!("{at} refuses everything"))
                     .warning("set Settings, Network, \"Accept incoming connections\""),
             ],
-            Self::Not(_) if survey.value(VERSION).is_some_and(|version| version < FIRST) => {
+            Some(Err(_)) if survey.value(VERSION).is_some_and(|version| version < FIRST) => {
                 vec![line("X-Plane before 12.1.1 has none, and needs none to fly".to_owned())]
             }
-            Self::Not(error) => vec![line(format!("{error}; not needed to fly")).unknown()],
-            Self::There(api) => {
+            Some(Err(error)) => vec![line(format!("{error}; not needed to fly")).unknown()],
+            Some(Ok(api)) => {
                 let flights = if api.starts_flights() { "starts flights" } else { "starts no flights" };
                 let found = format!(
                     "{} of X-Plane {}, {} datarefs, {flights}",
