@@ -17,31 +17,22 @@ const POINTS: usize = 21;
 /// Half a side of the grid, as a multiple of the formation's outer edge.
 const REACH: f64 = 1.5;
 
-/// The field around one vehicle.
+/// The field around one vehicle at the points of a grid.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(untagged)]
-pub(super) enum Field {
-    /// At the points of a grid.
-    Grid {
-        /// The vehicle.
-        vehicle: String,
-        /// North of the points, m: one for each row.
-        north_m: Vec<f64>,
-        /// East of the points, m: one for each column.
-        east_m: Vec<f64>,
-        /// The command at each point, north and east, row by row: a field without unit, a displacement in m, or a velocity in m/s.
-        ne: Vec<[f64; 2]>,
-    },
-    /// The law cannot be evaluated alone, or the vehicle is not in contact.
-    Unknown(()),
+pub(super) struct Field {
+    /// The vehicle.
+    pub(super) vehicle: String,
+    /// North of the points, m: one for each row.
+    pub(super) north_m: Vec<f64>,
+    /// East of the points, m: one for each column.
+    pub(super) east_m: Vec<f64>,
+    /// The command at each point, north and east, row by row: a field without unit, a displacement in m, or a velocity in m/s.
+    pub(super) ne: Vec<[f64; 2]>,
 }
 
-/// The field of a vehicle of this team; `observed` are the team's vehicles, of which it observes those in contact with it.
-pub(super) fn field(team: &Team, observed: &[Known], own: VehicleId) -> Field {
-    grid(team, observed, own).unwrap_or(Field::Unknown(()))
-}
-
-fn grid(team: &Team, observed: &[Known], own: VehicleId) -> Option<Field> {
+/// The field of a vehicle of this team; `observed` are the team's vehicles, of which it observes those in contact with it. `None` if
+/// the law cannot be evaluated alone, or the vehicle is not in contact.
+pub(super) fn field(team: &Team, observed: &[Known], own: VehicleId) -> Option<Field> {
     let sample = |id: VehicleId| observed.iter().find(|vehicle| vehicle.id == id)?.flying();
     let own_sample = sample(own)?;
     let step = own_sample.step as usize;
@@ -99,7 +90,7 @@ fn grid(team: &Team, observed: &[Known], own: VehicleId) -> Option<Field> {
     };
     // A grid of the fleet's page has the fleet's axes; those of its teams differ by less than a pixel.
     let page = team.to_page(centre);
-    Some(Field::Grid {
+    Some(Field {
         vehicle: team.name(own).to_string(),
         ne: offsets_m.iter().flat_map(|north_m| offsets_m.iter().map(|east_m| at(*north_m, *east_m))).collect(),
         north_m: offsets_m.iter().map(|offset_m| rounded(page.north_m() + offset_m)).collect(),

@@ -66,7 +66,7 @@ impl Server {
         let mut server = context.websocket_server().name(name).bind(host, address.port()).message_backlog_size(BACKLOG);
         server = server.tokio_runtime(runtime.handle()).parameter_handler(Arc::clone(&parameters) as _);
         if let Some(playback) = &playback {
-            let (first_ns, last_ns) = playback::lock(playback).span_ns();
+            let (first_ns, last_ns) = playback::lock(playback).span_ns;
             server = server.playback_time_range(first_ns, last_ns).capabilities([Capability::Time]);
         }
         let readers = Arc::new(Readers { playback, ..Readers::default() });

@@ -13,16 +13,9 @@ use skein_cluster::display::status;
 /// Version of the protocol between page and server.
 const VERSION: u32 = 1;
 
-/// The rule for orders of the page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum OrderRule {
-    Refused,
-    Allowed,
-    AllowedWithToken,
-}
-
-/// The message. `teams` are the swarm, or the teams of the fleet; `span_s` are the first and the last time of a recording.
-pub(super) fn hello(teams: &[Team], title: &str, span_s: Option<(f64, f64)>, orders: OrderRule) -> String {
+/// The message. `teams` are the swarm, or the teams of the fleet; `span_s` are the first and the last time of a recording. The page
+/// may give orders if `needs_token` says whether they need a token.
+pub(super) fn hello(teams: &[Team], title: &str, span_s: Option<(f64, f64)>, needs_token: Option<bool>) -> String {
     let first = teams.first();
     let scenarios: Vec<Value> = teams.iter().map(|team| scenario(&team.scenario)).collect();
     let common = scenarios.first();
@@ -43,8 +36,8 @@ pub(super) fn hello(teams: &[Team], title: &str, span_s: Option<(f64, f64)>, ord
         "source": if span_s.is_some() { "recording" } else { "live" },
         "swarm": first.map(|team| team.scenario.swarm.name.as_str()),
         "title": title,
-        "orders": orders != OrderRule::Refused,
-        "needs_token": orders == OrderRule::AllowedWithToken,
+        "orders": needs_token.is_some(),
+        "needs_token": needs_token == Some(true),
         "duration_s": first.and_then(|team| team.scenario.duration_s),
         "from_s": span_s.map(|(from_s, _)| from_s),
         "to_s": span_s.map(|(_, to_s)| to_s),

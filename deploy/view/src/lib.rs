@@ -49,7 +49,6 @@ mod socket;
 mod terminal;
 mod verdict;
 
-use hello::OrderRule;
 use live::{Frame, Watcher};
 pub use mavlink::MavlinkArgs;
 pub use names::NameArgs;
@@ -179,17 +178,13 @@ fn begin_live(
         swarm.choose()?.reach_teams(Role::Operator, &[])?;
     }
     let station = mavlink.station(rule.as_deref())?;
-    let allowed = match &rule {
-        None => OrderRule::Refused,
-        Some(rule) if rule.needs_token() => OrderRule::AllowedWithToken,
-        Some(_) => OrderRule::Allowed,
-    };
+    let needs_token = rule.as_ref().map(|rule| rule.needs_token());
     let (listener, address) = listen(address, option)?;
     begin(listener, rule, names, |frames| {
         if let Some(station) = station {
             station.serve(frames.subscribe());
         }
-        let (watcher, of_thread) = (Watcher::new(swarm, allowed, foxglove, option == LISTEN), frames.clone());
+        let (watcher, of_thread) = (Watcher::new(swarm, needs_token, foxglove, option == LISTEN), frames.clone());
         thread::spawn(move || watcher.watch(&of_thread));
         Source::Live(frames)
     })?;

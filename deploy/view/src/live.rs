@@ -21,7 +21,7 @@ use tokio::sync::watch;
 use super::events::EventLog;
 use super::field::{self, Field};
 use super::foxglove;
-use super::hello::{self, OrderRule};
+use super::hello;
 use super::snapshot::{Snapshot, Team, add_nearest, team_place, vehicles};
 use super::verdict::{self, Judged};
 use skein_cluster::display::status::Known;
@@ -84,15 +84,13 @@ pub(super) struct Frame {
 
 impl Frame {
     /// The field of the vehicle with this name.
-    pub(super) fn field(&self, name: &str) -> Field {
-        let teams = self.swarm.iter().flat_map(|teams| teams.iter()).zip(&self.observed);
-        for (team, observed) in teams {
+    pub(super) fn field(&self, name: &str) -> Option<Field> {
+        let mut teams = self.swarm.iter().flat_map(|teams| teams.iter()).zip(&self.observed);
+        let (team, observed, id) = teams.find_map(|(team, observed)| {
             let id = observed.iter().map(|vehicle| vehicle.id).find(|id| team.name(*id).to_string() == name);
-            if let Some(id) = id {
-                return field::field(team, observed, id);
-            }
-        }
-        Field::Unknown(())
+            Some((team, observed, id?))
+        })?;
+        field::field(team, observed, id)
     }
 
     /// The swarm, or the teams of the fleet, with what was observed of each.
@@ -105,8 +103,8 @@ impl Frame {
 pub(super) struct Watcher {
     /// Chooses the swarm.
     swarm: SwarmArgs,
-    /// The rule for orders that the pages receive.
-    orders: OrderRule,
+    /// Whether orders of the pages need a token; `None` if they may give none.
+    needs_token: Option<bool>,
     events: Arc<EventLog>,
     /// Number of the swarms that were found.
     number: u64,
@@ -170,13 +168,13 @@ impl Watcher {
     /// Nothing is watched yet. If `is_reported`, the reason why the pages are empty is written to stderr too.
     pub(super) fn new(
         swarm: SwarmArgs,
-        orders: OrderRule,
+        needs_token: Option<bool>,
         foxglove: Option<foxglove::Live>,
         is_reported: bool,
     ) -> Self {
         let (events, next_try) = (Arc::default(), clock::now());
         let report = is_reported.then(ProblemLog::default);
-        Self { swarm, orders, events, number: 0, watched: None, problem: None, next_try, foxglove, report }
+        Self { swarm, needs_token, events, number: 0, watched: None, problem: None, next_try, foxglove, report }
     }
 
     /// Watches for what receives the `frames`, until the process ends.
@@ -223,7 +221,7 @@ impl Watcher {
     }
 
     fn find(&mut self, now: Instant) {
-        match Watched::open(&self.swarm, self.orders, now) {
+        match Watched::open(&self.swarm, self.needs_token, now) {
             Ok((watched, described)) => {
                 if let Some(foxglove) = &mut self.foxglove {
                     foxglove.found(&described);
@@ -267,13 +265,13 @@ impl Watcher {
 }
 
 impl Watched {
-    fn open(swarm: &SwarmArgs, orders: OrderRule, now: Instant) -> Result<(Self, Described), Error> {
+    fn open(swarm: &SwarmArgs, needs_token: Option<bool>, now: Instant) -> Result<(Self, Described), Error> {
         let place = Arc::new(swarm.choose()?);
         let reaches = place.reach_teams(Role::Observer, &[])?;
         let described = place.described()?;
         let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
         let observers = Observers::open(&reaches, TraceSubscription::Off)?;
-        let hello = hello::hello(&teams, place.swarm().as_str(), None, orders).into();
+        let hello = hello::hello(&teams, place.swarm().as_str(), None, needs_token).into();
         let (teams, zero, wanted) = (Arc::new(teams), None, None);
         let (answered, is_complete, others) = (now, false, None);
         let watched = Self { place, reaches, observers, teams, hello, answered, zero, wanted, is_complete, others };

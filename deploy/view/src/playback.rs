@@ -13,8 +13,8 @@ use skein_lab::record::{FILE, FLEET_FILE, PlayedEvent, Player, RecordError};
 use tokio::time::{Instant, MissedTickBehavior, interval};
 
 use super::events::{Event, EventMessage};
-use super::field::{self, Field};
-use super::hello::{self, OrderRule};
+use super::field;
+use super::hello;
 use super::live::Problem;
 use super::orders;
 use super::snapshot::{Snapshot, Status, Team, Vehicle, add_nearest, team_place, vehicles};
@@ -149,7 +149,7 @@ impl Recording {
         let teams: Vec<Team> = player.described().all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
         let span_s = player.span_s();
         let title = path.display().to_string();
-        let hello = hello::hello(&teams, &title, Some(span_s), OrderRule::Refused);
+        let hello = hello::hello(&teams, &title, Some(span_s), None);
         let events = player.events()?;
         let slowest_hz = match teams.first().map(|team| team.scenario.record.hz) {
             Some(RecordRate::Hz(hz)) => hz,
@@ -170,8 +170,7 @@ impl Recording {
         let detail = wishes.detail.clone();
         let field = wishes.field(|of| {
             let id = observed.iter().map(|vehicle| vehicle.id).find(|id| id.to_string() == of);
-            let team = self.teams.first().zip(id);
-            team.map_or(Field::Unknown(()), |(team, id)| field::field(team, &observed, id))
+            field::field(self.teams.first()?, &observed, id?)
         });
         let json = Message::text(snapshot.to_json(&detail, field));
         snapshot.places().map(|places| Message::Binary(places.into())).into_iter().chain([json]).collect()

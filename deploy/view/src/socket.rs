@@ -69,7 +69,7 @@ pub(super) struct Wishes {
     /// The vehicle whose field it shows.
     pub(super) field_of: Option<String>,
     /// The field that was computed last, and when.
-    field: Option<(Field, Instant)>,
+    field: Option<(Option<Field>, Instant)>,
 }
 
 impl Wishes {
@@ -83,7 +83,7 @@ impl Wishes {
     }
 
     /// The field that belongs to the next snapshot, at most two new ones a second.
-    pub(super) fn field(&mut self, compute: impl FnOnce(&str) -> Field) -> Option<&Field> {
+    pub(super) fn field(&mut self, compute: impl FnOnce(&str) -> Option<Field>) -> Option<&Option<Field>> {
         let of = self.field_of.as_deref()?;
         if self.field.as_ref().is_none_or(|(_, at)| at.elapsed() >= FIELD_EVERY) {
             self.field = Some((compute(of), Instant::now()));

@@ -9,7 +9,6 @@ use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_lab::record::{PlayedPlace, Player, VehiclePlace};
 
 use super::field::Field;
-use super::hello::OrderRule;
 use super::snapshot::{Level, Snapshot, Status, Team, Vehicle, add_nearest, vehicles};
 use super::verdict::Judged;
 use super::*;
@@ -152,9 +151,9 @@ fn what_an_operator_has_set_is_drawn_from_when_it_takes_effect() {
     assert!(during["status"]["reasons"].to_string().contains("less than the safety distance of 200 m"), "{during}");
     // The field around a vehicle is that of its present ring.
     let inside = [1, 2, 3, 4].map(|number| tuned(number, "formation.radius_m=150"));
-    let Field::Grid { north_m, .. } = field::field(&team, &inside, id(1)) else { panic!("no field") };
+    let Field { north_m, .. } = field::field(&team, &inside, id(1)).unwrap();
     let all = [1, 2, 3, 4].map(|number| observed(number, 0.0, |_| ()));
-    let Field::Grid { north_m: of_100_m, .. } = field::field(&team, &all, id(1)) else { panic!("no field") };
+    let Field { north_m: of_100_m, .. } = field::field(&team, &all, id(1)).unwrap();
     assert!((north_m[20] - of_100_m[20] - 75.0).abs() < 1e-9, "{} {}", north_m[20], of_100_m[20]);
     // A step with a value of its own keeps it.
     let second = observed(1, 0.0, |sample| (sample.step, sample.settings) = (1, vec![set("formation.radius_m=80")]));
@@ -277,7 +276,7 @@ fn a_large_swarm_is_sent_as_bytes_with_the_details_that_a_page_asks_for() {
 
 #[test]
 fn the_first_message_has_the_scenario_as_the_page_draws_it() {
-    let hello = hello::hello(&[four()], "a.mcap", Some((0.0, 20.0)), OrderRule::Refused);
+    let hello = hello::hello(&[four()], "a.mcap", Some((0.0, 20.0)), None);
     let hello: Value = serde_json::from_str(&hello).unwrap();
     assert_eq!(
         (&hello["type"], &hello["version"], &hello["source"]),
@@ -302,7 +301,7 @@ fn the_first_message_has_the_scenario_as_the_page_draws_it() {
     let text = "swarm.vehicles = 2\n[fleet]\nteams = 2\nspacing_m = 800.0\n";
     let fleet = load_any(&Source { name: "fleet.toml", text }, &[]).unwrap();
     let teams: Vec<Team> = fleet.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
-    let hello = hello::hello(&teams, "x", None, OrderRule::AllowedWithToken);
+    let hello = hello::hello(&teams, "x", None, Some(true));
     let hello: Value = serde_json::from_str(&hello).unwrap();
     assert_eq!(hello["vehicles"][2], json!({ "id": "2/1", "team": 2, "number": 1 }));
     assert_eq!(hello["teams"].as_array().unwrap().len(), 2);
@@ -320,13 +319,13 @@ fn the_first_message_has_the_scenario_as_the_page_draws_it() {
 fn the_field_of_a_ring_points_to_the_ring() {
     let team = four();
     let all = [1, 2, 3, 4].map(|number| observed(number, 0.0, |_| ()));
-    let Field::Grid { vehicle, north_m, east_m, ne } = field::field(&team, &all, id(1)) else { panic!("no field") };
+    let Field { vehicle, north_m, east_m, ne } = field::field(&team, &all, id(1)).unwrap();
     assert_eq!((vehicle.as_str(), north_m.len(), east_m.len(), ne.len()), ("1", 21, 21, 441));
     // Far in the north-west it points to the south-east.
     let [north, east] = ne[20 * 21];
     assert!(north_m[20] > 100.0 && east_m[0] < -100.0 && north < 0.0 && east > 0.0, "{north} {east}");
     let silent = [1, 2, 3, 4].map(|number| observed(number, 9.0, |_| ()));
-    assert_eq!(field::field(&team, &silent, id(1)), Field::Unknown(()));
+    assert_eq!(field::field(&team, &silent, id(1)), None);
 }
 
 #[test]

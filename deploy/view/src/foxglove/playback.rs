@@ -22,7 +22,7 @@ const SPEEDS: (f32, f32) = (0.01, 64.0);
 #[derive(Debug)]
 pub(super) struct Playback {
     /// Log times of the first and the last message, ns.
-    span_ns: (u64, u64),
+    pub(super) span_ns: (u64, u64),
     /// Log time up to which the messages were sent, ns.
     at_ns: u64,
     speed: f32,
@@ -45,10 +45,6 @@ struct Due {
 impl Playback {
     fn new(span_ns: (u64, u64)) -> Self {
         Self { span_ns, at_ns: span_ns.0, speed: 1.0, status: PlaybackStatus::Playing, has_jumped: true }
-    }
-
-    pub(super) fn span_ns(&self) -> (u64, u64) {
-        self.span_ns
     }
 
     /// Does what a client asks for, and answers it.
