@@ -5,6 +5,8 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
+use skein_common::message::ClockOffset;
+
 use crate::ssh::{Host, Ssh};
 use skein_host::clock::{self, Utc};
 
@@ -15,33 +17,23 @@ const WITHIN: Duration = Duration::from_secs(5);
 /// Command that answers each line with the time, available on every Linux.
 const ANSWERS: &str = "sh -c 'while read x; do date +%s.%N; done'";
 
-/// Offset of a host's clock, with its bound.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Offset {
-    /// How far the clock is ahead of this PC's, s.
-    pub(super) offset_s: f64,
-    /// Bound of the error, s: half of the round trip, because it is unknown when within it the clock was read.
-    pub(super) bound_s: f64,
-}
-
-impl Offset {
-    /// The offset as a person would say it, with its bound while that matters.
-    pub(super) fn to_text(self) -> String {
-        let (sign, size_s) = (if self.offset_s < 0.0 { '-' } else { '+' }, self.offset_s.abs());
-        let whole = size_s.round() as u64;
-        let (days, hours, minutes, seconds) = (whole / 86_400, whole / 3600 % 24, whole / 60 % 60, whole % 60);
-        match (size_s < 1.0, size_s < 59.95, days, hours) {
-            (true, ..) => format!("{sign}{:.1} ±{:.1} ms", size_s * 1e3, self.bound_s * 1e3),
-            (false, true, ..) => format!("{sign}{size_s:.1} s"),
-            (_, _, 0, 0) => format!("{sign}{minutes} min {seconds} s"),
-            (_, _, 0, _) => format!("{sign}{hours} h {minutes} min"),
-            _ => format!("{sign}{days} d {hours} h"),
-        }
+/// The offset as a person would say it, with its bound while that matters.
+pub(super) fn to_text(ClockOffset { offset_s, bound_s }: ClockOffset) -> String {
+    let (sign, size_s) = (if offset_s < 0.0 { '-' } else { '+' }, offset_s.abs());
+    let whole = size_s.round() as u64;
+    let (days, hours, minutes, seconds) = (whole / 86_400, whole / 3600 % 24, whole / 60 % 60, whole % 60);
+    match (size_s < 1.0, size_s < 59.95, days, hours) {
+        (true, ..) => format!("{sign}{:.1} ±{:.1} ms", size_s * 1e3, bound_s * 1e3),
+        (false, true, ..) => format!("{sign}{size_s:.1} s"),
+        (_, _, 0, 0) => format!("{sign}{minutes} min {seconds} s"),
+        (_, _, 0, _) => format!("{sign}{hours} h {minutes} min"),
+        _ => format!("{sign}{days} d {hours} h"),
     }
 }
 
-/// Measures the offset of a host's clock.
-pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
+/// Measures how far a host's clock is ahead of this PC's. The bound of the error is half of the round trip, because it is unknown
+/// when within it the clock was read.
+pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<ClockOffset, String> {
     let (mut child, marks) = ssh.spawn(host, ANSWERS)?;
     let pipes = child.stdin.take().zip(child.stdout.take());
     let (sender, received) = mpsc::channel();
@@ -57,7 +49,7 @@ pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
                 let answered = clock::now();
                 Some(offset(utc.nanoseconds(asked), &theirs, utc.nanoseconds(answered)))
             });
-            let _ = sender.send(exchanges.collect::<Option<Vec<Offset>>>());
+            let _ = sender.send(exchanges.collect::<Option<Vec<ClockOffset>>>());
         });
     }
     let exchanges = received.recv_timeout(WITHIN);
@@ -70,14 +62,14 @@ pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<Offset, String> {
 
 /// Offset from one exchange: the question and the answer by this PC's clock, ns since 1970, and the host's time in
 /// between.
-fn offset(asked_ns: u64, theirs: &str, answered_ns: u64) -> Option<Offset> {
+fn offset(asked_ns: u64, theirs: &str, answered_ns: u64) -> Option<ClockOffset> {
     let (seconds, fraction) = theirs.trim().split_once('.')?;
     let nanoseconds: u64 = fraction.parse().ok().filter(|_| fraction.len() == 9)?;
     let theirs_ns = seconds.parse::<u64>().ok()?.checked_mul(1_000_000_000)?.checked_add(nanoseconds)?;
     let bound_s = answered_ns.checked_sub(asked_ns)? as f64 / 2.0 * 1e-9;
     // Subtract the integers, because the times as floating-point numbers would be inexact.
     let since_asked_s = (i128::from(theirs_ns) - i128::from(asked_ns)) as f64 * 1e-9;
-    Some(Offset { offset_s: since_asked_s - bound_s, bound_s })
+    Some(ClockOffset { offset_s: since_asked_s - bound_s, bound_s })
 }
 
 #[cfg(test)]
@@ -86,7 +78,7 @@ mod tests {
 
     #[test]
     fn an_offset_has_the_units_that_a_person_uses() {
-        let text = |offset_s: f64| Offset { offset_s, bound_s: 0.0005 }.to_text();
+        let text = |offset_s: f64| to_text(ClockOffset { offset_s, bound_s: 0.0005 });
         assert_eq!(text(0.0003), "+0.3 ±0.5 ms");
         assert_eq!(text(-0.25), "-250.0 ±0.5 ms");
         assert_eq!(text(2.51), "+2.5 s");
@@ -100,8 +92,8 @@ mod tests {
     fn the_offset_is_measured_at_the_middle_of_an_exchange() {
         let asked_ns = 1_795_248_902_000_000_000;
         let read = |theirs: &str| offset(asked_ns, theirs, asked_ns + 4_000_000);
-        let near = |offset: Option<Offset>, wanted_s: f64| {
-            let Offset { offset_s, bound_s } = offset.unwrap();
+        let near = |offset: Option<ClockOffset>, wanted_s: f64| {
+            let ClockOffset { offset_s, bound_s } = offset.unwrap();
             assert!((offset_s - wanted_s).abs() < 1e-9 && (bound_s - 0.002).abs() < 1e-12, "{offset_s} {bound_s}");
         };
         near(read("1795248902.002000000"), 0.0);

@@ -96,7 +96,7 @@ impl HostChecks<'_> {
         match clock::measure(self.ssh, host) {
             Err(why) => line(why.strip_prefix(&format!("{host}: ")).unwrap_or(&why).to_owned()).unknown(),
             Ok(offset) => {
-                let found = offset.to_text();
+                let found = clock::to_text(offset);
                 match offset.offset_s.abs() - offset.bound_s > CLOCK_S {
                     true => line(format!("{found} from this PC's; no flight depends on it, times in logs do")).warning(
                         format!("`ssh {host} sudo timedatectl set-ntp true`; or chrony, on a network without internet"),

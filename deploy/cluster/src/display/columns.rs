@@ -119,33 +119,25 @@ const COUNTS: &[OwnColumn] = &[
 /// The columns of a terminal that has room for the wide set.
 pub const WIDE_COLUMNS: u16 = 120;
 
-/// A column as a table shows it.
-#[derive(Clone, Copy, Debug)]
-pub struct Fitted {
-    /// The column.
-    pub column: Column,
-    /// Its width: that of its heading or of its widest cell.
-    pub width: u16,
-}
-
-/// The columns of a set that fit into `room` with a space between them and every cell of these rows whole.
-pub fn fitting(set: &[Column], rows: &[Row], room: u16) -> Vec<Fitted> {
+/// The columns of a set that fit into `room` with a space between them and every cell of these rows whole, as wide as they have to
+/// be for that.
+pub fn fitting(set: &[Column], rows: &[Row], room: u16) -> Vec<Column> {
     let fit = |column: &Column| {
         let cells = rows.iter().map(|row| column.cell(row).chars().count());
         let widest = cells.chain([column.title.chars().count()]).max().unwrap_or(0);
-        Fitted { column: *column, width: column.width.max(u16::try_from(widest).unwrap_or(u16::MAX)) }
+        Column { width: column.width.max(u16::try_from(widest).unwrap_or(u16::MAX)), ..*column }
     };
-    let mut fitted: Vec<Fitted> = set.iter().map(fit).collect();
+    let mut fitted: Vec<Column> = set.iter().map(fit).collect();
     while needed(&fitted) > usize::from(room) {
-        let last = (0..fitted.len()).max_by_key(|at| fitted[*at].column.rank);
+        let last = (0..fitted.len()).max_by_key(|at| fitted[*at].rank);
         last.map(|at| fitted.remove(at));
     }
     fitted
 }
 
 /// The width of these columns with a space between them.
-pub fn needed(columns: &[Fitted]) -> usize {
-    columns.iter().map(|fitted| usize::from(fitted.width)).sum::<usize>() + columns.len().saturating_sub(1)
+pub fn needed(columns: &[Column]) -> usize {
+    columns.iter().map(|column| usize::from(column.width)).sum::<usize>() + columns.len().saturating_sub(1)
 }
 
 fn none() -> String {

@@ -7,7 +7,7 @@ use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Cell, Padding, Paragraph, Row as TableRow, Table};
 use skein_lab::terminal::{shortened, wrapped};
 
-use super::columns::{Column, Fitted, WIDE_COLUMNS, fitting, needed, set};
+use super::columns::{Column, WIDE_COLUMNS, fitting, needed, set};
 use super::status::{EVENT_TIME as EVENT_INDENT, FlightStatus, Row, Stage};
 
 /// Lines kept for events, if there is room for them.
@@ -99,7 +99,7 @@ fn draw_vehicles(
     frame: &mut Frame<'_>,
     area: Rect,
     rows: &[Row],
-    columns: &[Fitted],
+    columns: &[Column],
     (hidden_columns, kept): (usize, u16),
 ) -> Rect {
     let height = u16::try_from(rows.len()).unwrap_or(u16::MAX).saturating_add(1);
@@ -168,20 +168,20 @@ fn minutes(seconds: f64) -> String {
     format!("{:02}:{:02}", whole / 60, whole % 60)
 }
 
-fn vehicles<'a>(rows: &[Row], columns: &[Fitted], width: u16) -> Table<'a> {
+fn vehicles<'a>(rows: &[Row], columns: &[Column], width: u16) -> Table<'a> {
     let cell = |column: &Column, text: String| match column.title {
         "phase" => Cell::from(text),
         _ => Cell::from(Text::from(text).alignment(Alignment::Right)),
     };
     let row = |row: &Row| {
-        let cells = columns.iter().map(|Fitted { column, .. }| cell(column, column.cell(row)));
+        let cells = columns.iter().map(|column| cell(column, column.cell(row)));
         TableRow::new(cells).style(if row.bad { Style::new().fg(Color::Red) } else { Style::new() })
     };
-    let titles = columns.iter().map(|Fitted { column, .. }| cell(column, column.title.to_owned()));
+    let titles = columns.iter().map(|column| cell(column, column.title.to_owned()));
     let header = TableRow::new(titles).style(Style::new().add_modifier(Modifier::UNDERLINED));
     let gaps = columns.len().saturating_sub(1).max(1);
     let spare = usize::from(width).saturating_sub(needed(columns));
-    let widths = columns.iter().map(|fitted| Constraint::Length(fitted.width));
+    let widths = columns.iter().map(|column| Constraint::Length(column.width));
     let spacing = u16::try_from(1 + spare / gaps).unwrap_or(MAX_SPACING).min(MAX_SPACING);
     Table::new(rows.iter().map(row), widths).header(header).column_spacing(spacing)
 }
