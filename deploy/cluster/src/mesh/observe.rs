@@ -11,11 +11,10 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
 use skein_agent::link::presence::{Change, Presence};
-use skein_agent::link::signature::SigningKey;
 use skein_agent::link::signature::messages::KeyRing;
 use skein_agent::link::signature::orders::{self, Checker};
 use skein_agent::link::{LinkError, Sessions};
-use skein_common::id::{SwarmName, VehicleId};
+use skein_common::id::VehicleId;
 use skein_common::message::{
     self, Event, Health, Heartbeat, Message, Order, Reason, Severity, StandingOrders, Summary, Trace, VehicleFacts,
 };
@@ -168,13 +167,9 @@ pub struct Observer {
     summaries: Option<Subscriber<()>>,
     dropped: Arc<Dropped>,
     vehicles: BTreeMap<VehicleId, VehicleView>,
-    swarm: SwarmName,
-    branch: Branch,
+    reach: Reach,
     /// Verifies that an order was signed by an operator, where orders are signed.
     orders: Option<Checker>,
-    signing_key: Option<Arc<SigningKey>>,
-    /// The run that this PC began last, if any.
-    own_run: Option<u64>,
 }
 
 /// Why a swarm cannot be observed.
@@ -222,9 +217,7 @@ impl Observer {
             Change::Refused(_) => count(&of_presence.dropped.links),
         };
         sessions.presence().watch(&sessions, branch, note)?;
-        let (swarm, signing_key) = (reach.swarm.clone(), reach.signing_key.clone());
-        let orders = reach.orders_key.map(|key| Checker::new(key, swarm.clone(), branch));
-        let own_run = reach.own_run;
+        let orders = reach.orders_key.map(|key| Checker::new(key, reach.swarm.clone(), branch));
         let mut observer = Self {
             sessions,
             inbox,
@@ -234,11 +227,8 @@ impl Observer {
             summaries: None,
             dropped,
             vehicles: BTreeMap::new(),
-            swarm,
-            branch,
+            reach: reach.clone(),
             orders,
-            signing_key,
-            own_run,
         };
         observer.subscribe_to_traces(steps == TraceSubscription::On)?;
         Ok(observer)
@@ -301,7 +291,7 @@ impl Observer {
 
     /// The part of the key space that belongs to the swarm: in a fleet, to one team.
     pub fn branch(&self) -> Branch {
-        self.branch
+        self.reach.branch
     }
 
     /// Number of messages dropped: undecodable, forged, or received faster than they were read.
@@ -314,7 +304,7 @@ impl Observer {
     /// contact report. Without a majority it is the run that this PC began last, if any vehicle reports it, else
     /// `None`.
     pub fn run(&self) -> Option<u64> {
-        run_in_flight(self.vehicles.values(), self.own_run)
+        run_in_flight(self.vehicles.values(), self.reach.own_run)
     }
 
     /// The newest health report of a vehicle and its time of arrival. `None` unless the vehicle is in contact and sent
@@ -365,10 +355,10 @@ impl Observer {
     /// and a vehicle in another run than most is not left in the air. A signature for a run that has ended is useless
     /// to an attacker: that run is never joined again.
     pub fn signed(&self, order: Order) -> Vec<Order> {
-        let Some(signing_key) = &self.signing_key else { return vec![order] };
+        let Reach { swarm, branch, signing_key: Some(signing_key), .. } = &self.reach else { return vec![order] };
         let there = self.vehicles.values().filter(|view| view.alive);
         let runs: BTreeSet<u64> = there.filter_map(|view| view.run).filter(|run| *run != 0).collect();
-        runs.into_iter().map(|run| orders::sign(signing_key, &self.swarm, self.branch, run, order)).collect()
+        runs.into_iter().map(|run| orders::sign(signing_key, swarm, *branch, run, order)).collect()
     }
 
     /// Publishes an order to every agent that can be reached now. An order is a register: publishing it again changes
@@ -377,7 +367,7 @@ impl Observer {
     /// # Errors
     /// If Zenoh refuses.
     pub fn order(&self, order: &Order) -> Result<(), ObserveError> {
-        let key = self.branch.key(&Topic::Order(order.issuer));
+        let key = self.reach.branch.key(&Topic::Order(order.issuer));
         self.signed(*order).iter().try_for_each(|order| {
             let put = self.sessions.first().put(key.as_str(), message::encode(order));
             let put = put.congestion_control(CongestionControl::Drop).priority(Priority::RealTime);

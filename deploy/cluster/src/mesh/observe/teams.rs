@@ -45,14 +45,14 @@ impl Observers {
     /// The newest data of every vehicle that has appeared or sent a message.
     pub fn views(&self) -> impl Iterator<Item = (VehicleName, &VehicleView)> + Clone {
         self.0.iter().flat_map(|observer| {
-            let branch = observer.branch;
+            let branch = observer.branch();
             observer.vehicles().iter().map(move |(id, view)| (branch.name(*id), view))
         })
     }
 
     /// The run that the vehicles fly in, as [`Observer::run`], by those of all teams: teams of one fleet fly in one run.
     pub fn run(&self) -> Option<u64> {
-        run_in_flight(self.views().map(|(_, view)| view), self.0.first().and_then(|observer| observer.own_run))
+        run_in_flight(self.views().map(|(_, view)| view), self.0.first().and_then(|observer| observer.reach.own_run))
     }
 
     /// The newest health report of a vehicle, as [`Observer::health_of`], in the run that all teams fly in.
@@ -61,7 +61,7 @@ impl Observers {
     }
 
     fn of(&self, name: VehicleName) -> Option<&Observer> {
-        self.0.iter().find(|observer| observer.branch.team() == name.team)
+        self.0.iter().find(|observer| observer.branch().team() == name.team)
     }
 }
 

@@ -2,8 +2,9 @@ use std::time::Duration;
 
 use ring::rand::SystemRandom;
 use ring::signature::Ed25519KeyPair;
+use skein_agent::link::signature::SigningKey;
 use skein_agent::link::{Link, Messages, Security, Trust};
-use skein_common::id::{Incarnation, VehicleSet};
+use skein_common::id::{Incarnation, SwarmName, VehicleSet};
 use skein_common::message::{EventKind, Header, Verb};
 use skein_common::scenario::{Source, load};
 use skein_common::state::Membership;
