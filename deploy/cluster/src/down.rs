@@ -2,7 +2,6 @@
 //! ends every agent after the landing, so that nothing restarts it.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::panic::resume_unwind;
 use std::thread;
 use std::time::Duration;
 
@@ -21,6 +20,7 @@ use crate::mesh::order;
 use crate::mesh::reach::Reach;
 use crate::mesh::ready::Watch;
 use skein_host::clock;
+use skein_host::parallel::at_once;
 use skein_lab::error::Error;
 
 /// Text for a node without ssh, if no order was sent over the mesh.
@@ -162,16 +162,13 @@ fn order_to_land(watch: &mut Watch, reaches: &[Reach], line: &ProgressLine<'_>) 
     }
     line.say(&format!("ordering {there} vehicles to land"));
     reaches.iter().take(1).for_each(|reach| order::note_order(reach, Verb::Land));
-    let results: Vec<Result<_, Error>> = thread::scope(|scope| {
-        let land = |observer: &mut Observer| {
-            let order = order::new_order(observer, Verb::Land);
-            let (taken, unresponsive) = order::distribute(observer, std::slice::from_ref(&order))?;
-            let named = |ids: Vec<VehicleId>| ids.into_iter().map(|id| observer.branch().name(id)).collect::<Vec<_>>();
-            Ok((named(taken), named(unresponsive)))
-        };
-        let landing: Vec<_> = observers.iter_mut().map(|observer| scope.spawn(move || land(observer))).collect();
-        landing.into_iter().map(|landing| landing.join().unwrap_or_else(|panic| resume_unwind(panic))).collect()
-    });
+    let land = |observer: &mut Observer| {
+        let order = order::new_order(observer, Verb::Land);
+        let (taken, unresponsive) = order::distribute(observer, std::slice::from_ref(&order))?;
+        let named = |ids: Vec<VehicleId>| ids.into_iter().map(|id| observer.branch().name(id)).collect::<Vec<_>>();
+        Ok::<_, Error>((named(taken), named(unresponsive)))
+    };
+    let results = at_once(observers.iter_mut().map(|observer| || land(observer)));
     let (mut taken, mut unresponsive, mut failures) = (Vec::new(), Vec::new(), Vec::new());
     for result in results {
         match result {

@@ -114,6 +114,5 @@ pub(crate) fn check_for_flight(inventory: &Inventory, now: OffsetDateTime) -> Re
 
 /// Formats a date: `2026-11-21`.
 pub(crate) fn day(at: OffsetDateTime) -> String {
-    let (year, month, day) = at.to_calendar_date();
-    format!("{year:04}-{:02}-{day:02}", u8::from(month))
+    at.date().to_string()
 }

@@ -156,7 +156,7 @@ impl Computer {
             utc_set_s: 0.0,
             stood_still_ns: 0,
             helicopter: Arc::new(Mutex::new(Helicopter { plant, command: None })),
-            supervision: Supervision::new(),
+            supervision: Supervision::default(),
             has_reported: false,
             ended: None,
             first_start_ns: None,

@@ -56,8 +56,9 @@ pub struct AgentEnd {
     pub how: String,
 }
 
-/// Supervises one agent until it has ended successfully, or the supervisor is asked to end: then the agent is asked to end.
-#[derive(Debug)]
+/// Supervises one agent until it has ended successfully, or the supervisor is asked to end: then the agent is asked to end. By default
+/// the agent has to be started.
+#[derive(Debug, Default)]
 pub struct Supervision {
     state: SupervisedState,
     /// The last pause before a restart.
@@ -66,8 +67,9 @@ pub struct Supervision {
     passed_on: u32,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 enum SupervisedState {
+    #[default]
     Starts,
     Runs {
         since: Instant,
@@ -80,16 +82,11 @@ enum SupervisedState {
 }
 
 impl Supervision {
-    /// Supervises an agent that has to be started.
-    pub fn new() -> Self {
-        Self { state: SupervisedState::Starts, pause: Duration::ZERO, passed_on: 0 }
-    }
-
     /// Supervises an agent that runs already.
     pub fn taking_over(agent: &mut impl Supervised, now: Instant) -> Self {
         agent.note("takes over the running agent");
         let dog = listen(agent, now);
-        Self { state: SupervisedState::Runs { since: now, dog }, ..Self::new() }
+        Self { state: SupervisedState::Runs { since: now, dog }, ..Self::default() }
     }
 
     /// Acts on what has happened to the agent; call it every [`POLL_PERIOD`]. Returns whether the supervisor's work is over.
@@ -143,12 +140,6 @@ impl Supervision {
         agent.note(&format!("restarting the agent in {} s", self.pause.as_secs_f64()));
         self.state = SupervisedState::Pauses { until: now + self.pause };
         false
-    }
-}
-
-impl Default for Supervision {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -272,7 +263,7 @@ mod tests {
 
     #[test]
     fn an_agent_is_restarted_after_a_failure_and_left_alone_after_a_success() {
-        let (mut supervision, mut agent, mut now) = (Supervision::new(), Scripted::default(), clock::now());
+        let (mut supervision, mut agent, mut now) = (Supervision::default(), Scripted::default(), clock::now());
         assert_eq!(poll(&mut supervision, &mut agent, &mut now, 1.0), (false, vec!["start".to_owned()]));
         agent.runs = false;
         let done = ["the agent ended", "restarting the agent in 0.5 s", "start"].map(str::to_owned);
@@ -284,7 +275,7 @@ mod tests {
 
     #[test]
     fn an_agent_that_never_reports_is_killed_and_restarted() {
-        let (mut supervision, mut agent, mut now) = (Supervision::new(), Scripted::default(), clock::now());
+        let (mut supervision, mut agent, mut now) = (Supervision::default(), Scripted::default(), clock::now());
         let (is_over, done) = poll(&mut supervision, &mut agent, &mut now, 61.0);
         let expected = ["start", "the agent hangs: silent for 60 s; it is killed", "the agent was killed"];
         assert!(!is_over);
@@ -294,14 +285,14 @@ mod tests {
 
     #[test]
     fn a_request_to_end_is_passed_on_and_ends_a_pause() {
-        let (mut supervision, mut agent, mut now) = (Supervision::new(), Scripted::default(), clock::now());
+        let (mut supervision, mut agent, mut now) = (Supervision::default(), Scripted::default(), clock::now());
         poll(&mut supervision, &mut agent, &mut now, 1.0);
         agent.requests = 2;
         let done = vec!["asked to end".to_owned(); 2];
         assert_eq!(poll(&mut supervision, &mut agent, &mut now, 1.0), (false, done), "each request once");
 
         let (mut supervision, mut agent) =
-            (Supervision::new(), Scripted { fails_to_start: true, ..Scripted::default() });
+            (Supervision::default(), Scripted { fails_to_start: true, ..Scripted::default() });
         poll(&mut supervision, &mut agent, &mut now, 0.1);
         agent.requests = 1;
         assert_eq!(poll(&mut supervision, &mut agent, &mut now, 1.0), (true, vec!["ending".to_owned()]));

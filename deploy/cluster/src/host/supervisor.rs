@@ -38,7 +38,7 @@ pub(super) fn supervise(node: &NodeFolder) -> Result<(), String> {
     let mut supervised = NodeAgent { node, interrupts, agent, reports: None, log };
     let mut supervision = match &supervised.agent {
         Some(_) => Supervision::taking_over(&mut supervised, clock::now()),
-        None => Supervision::new(),
+        None => Supervision::default(),
     };
     while !supervision.poll(&mut supervised, clock::now()) {
         clock::sleep(POLL_PERIOD);

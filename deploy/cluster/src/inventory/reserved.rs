@@ -1,23 +1,15 @@
 //! Names and addresses that are reserved for documentation (RFC 2606, 3849, 5737): examples use them, and no computer of a lab
 //! has them.
 
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
+use std::net::IpAddr;
 
 /// Whether this host, a name or an address, is reserved for documentation.
 pub(super) fn is_for_documentation(host: &str) -> bool {
-    match host.trim_matches(['[', ']']).parse::<IpAddr>() {
-        Ok(IpAddr::V4(address)) => is_v4(address),
-        Ok(IpAddr::V6(address)) => address.to_ipv4_mapped().is_some_and(is_v4) || is_v6(address),
+    match host.trim_matches(['[', ']']).parse::<IpAddr>().map(|address| address.to_canonical()) {
+        Ok(IpAddr::V4(address)) => address.is_documentation(),
+        Ok(IpAddr::V6(address)) => address.segments()[..2] == [0x2001, 0xdb8],
         Err(_) => is_name(host),
     }
-}
-
-fn is_v4(address: Ipv4Addr) -> bool {
-    address.is_documentation()
-}
-
-fn is_v6(address: Ipv6Addr) -> bool {
-    address.segments()[..2] == [0x2001, 0xdb8]
 }
 
 fn is_name(name: &str) -> bool {

@@ -218,6 +218,11 @@ impl Maker<'_> {
     fn authority(&self) -> Result<(Authority, KeyFileLine), Error> {
         let there = (self.folder.read(AUTHORITY)?, self.folder.read(AUTHORITY_KEY)?);
         let swarm = self.inventory.swarm.as_str();
+        let renewed = |key: &str, why: String| {
+            let renewed = Authority::renewed(swarm, key, self.now);
+            let (authority, pair) = renewed.map_err(|error| self.folder.bad(AUTHORITY_KEY, error))?;
+            Ok::<_, Error>((authority, Some(pair), Some(format!("issued again: {why}"))))
+        };
         let (authority, pair, done) = match there {
             (None, None) => {
                 let (authority, pair) = Authority::new(swarm, self.now).map_err(failed)?;
@@ -230,19 +235,13 @@ impl Maker<'_> {
                     self.folder.path(AUTHORITY_KEY).display()
                 )));
             }
-            (None, Some(key)) => {
-                let (authority, pair) =
-                    Authority::renewed(swarm, &key, self.now).map_err(|e| self.folder.bad(AUTHORITY_KEY, e))?;
-                (authority, Some(pair), Some("issued again: the file was missing".to_owned()))
-            }
+            (None, Some(key)) => renewed(&key, "the file was missing".to_owned())?,
             (Some(certificate), Some(key)) => {
                 let pair = certificate::Pair { certificate, key };
                 match Authority::unfit(&pair, self.now) {
                     None => (Authority::read(&pair).map_err(|e| self.folder.bad(AUTHORITY, e))?, None, None),
                     Some(why @ (Unfit::Expiring | Unfit::ExpiringToday | Unfit::Expired)) => {
-                        let renewed = Authority::renewed(swarm, &pair.key, self.now);
-                        let (authority, pair) = renewed.map_err(|e| self.folder.bad(AUTHORITY_KEY, e))?;
-                        (authority, Some(pair), Some(format!("issued again: {why}")))
+                        renewed(&pair.key, why.to_string())?
                     }
                     Some(unfit) => return Err(self.folder.bad(AUTHORITY, unfit)),
                 }
