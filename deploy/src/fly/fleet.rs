@@ -9,7 +9,7 @@ use skein_common::id::TeamId;
 use skein_common::scenario::{Described, RecordRuns, Scenario};
 
 use super::flight::{Flight, FlightResult};
-use super::launch::{Site, prepare_site};
+use super::launch::prepare_site;
 use super::plan::Plans;
 use super::stream::{Happened, Line, Stream};
 use crate::record::{FleetRecorder, told};
@@ -77,7 +77,7 @@ impl Flights {
     /// If something cannot be started; then nothing is left running.
     pub fn begin(plans: Plans, gather_within: Duration, json: bool, interrupts: &Interrupts) -> Result<Self, Error> {
         let Plans { described, out, plans } = plans;
-        let Site { endpoints, file, claim: _claim } = prepare_site(&described, &out)?;
+        let (endpoints, file, _claim) = prepare_site(&described, &out)?;
         // Of a swarm that flies here already nothing was placed: it is refused before.
         for plan in plans.iter().filter(|plan| !plan.xplanes.is_empty()) {
             let lines = place::before_flight(plan.scenario(), &plan.xplanes, || interrupts.count() > 0);

@@ -19,26 +19,16 @@ use skein_cluster::ports;
 use skein_lab::error::Error;
 use skein_lab::out::{self, Claim};
 
-/// A place on this PC for a swarm or a fleet.
-#[derive(Debug)]
-pub struct Site {
-    /// Where the agents listen.
-    pub endpoints: Endpoints,
-    /// The file by which other commands find the endpoints.
-    pub file: EndpointsFile,
-    /// Keeps other commands from the folder.
-    pub claim: Claim,
-}
-
 fn failed(what: &str, error: io::Error) -> Error {
     Error::Failed(format!("{what}: {error}"))
 }
 
-/// Finds ports for all agents, and writes the folder's scenario and the file by which other commands find the agents.
+/// Finds ports for all agents, and writes the folder's scenario and the file by which other commands find the agents. Returns where the
+/// agents listen, that file, and the claim that keeps other commands from the folder.
 ///
 /// # Errors
 /// If a swarm of this name flies here already (nothing is written then), or a file or port cannot be had.
-pub fn prepare_site(described: &Described, out: &Path) -> Result<Site, Error> {
+pub fn prepare_site(described: &Described, out: &Path) -> Result<(Endpoints, EndpointsFile, Claim), Error> {
     let swarm = &described.first().scenario.swarm.name;
     refuse_a_second(swarm)?;
     let claim = out::claim(out)?;
@@ -49,7 +39,7 @@ pub fn prepare_site(described: &Described, out: &Path) -> Result<Site, Error> {
     let file = endpoints.leave(&endpoints::folder()).map_err(|error| {
         Error::Failed(format!("the runtime folder: {error}; name one of your own with `export XDG_RUNTIME_DIR=FOLDER`"))
     })?;
-    Ok(Site { endpoints, file, claim })
+    Ok((endpoints, file, claim))
 }
 
 /// Starts a process for each vehicle of this plan, and one for its simulator where that is a stand-in.

@@ -135,7 +135,7 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written
         teams.iter_mut().for_each(|team| team.record(fleet.as_mut(), now, is_due));
         clock::sleep(TICK);
     }
-    let steps = || teams.iter().filter_map(|team| team.full.as_ref()).map(Recorder::steps).sum();
+    let steps = || teams.iter().filter_map(|team| Some(team.full.as_ref()?.steps)).sum();
     let (counted, count) = fleet.as_ref().map_or_else(|| ("steps", steps()), |fleet| ("samples", fleet.samples));
     let is_fleet = fleet.is_some();
     let seen = |team: &RecordedTeam<'_>| team.observer.vehicles().values().filter(|view| view.trace.is_some()).count();

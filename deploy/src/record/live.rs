@@ -33,7 +33,8 @@ pub struct Recorder {
     rate: Rate,
     /// Number of entries that found the queue full.
     dropped: Arc<AtomicU64>,
-    steps: u64,
+    /// Number of steps recorded so far.
+    pub(super) steps: u64,
 }
 
 /// Writes one entry of the recording, in the thread.
@@ -109,11 +110,6 @@ impl Recorder {
     /// Marks the end of the measurement window.
     pub fn window_ends(&mut self, at: Instant) {
         self.enqueue(at, FileWriter::window_ends);
-    }
-
-    /// Number of steps recorded so far.
-    pub fn steps(&self) -> u64 {
-        self.steps
     }
 
     /// Whether writing has failed and nothing more is recorded. [`Self::finish`] returns the error.
