@@ -8,6 +8,7 @@ use super::super::ssh::tests::{heli, node};
 use super::*;
 use crate::inventory::Install;
 use crate::inventory::tests::lab;
+use crate::nodes::Outcome;
 
 fn installed(release: &str) -> Installed {
     Installed { release: release.to_owned(), bundle: "b".to_owned() }
@@ -39,6 +40,20 @@ fn the_table_shows_what_was_done() {
     rows[0].restart_s = Some(4.0);
     assert!(row::table(&rows, true).contains("restart s"));
     assert!(row::table(&rows, true).ends_with("nothing was changed: this is what would be done\n"));
+}
+
+#[test]
+fn the_object_of_a_node_has_what_was_done_what_is_installed_and_how_long_it_took() {
+    let mut row = InstalledNode::new(&node(1, Some("heli1")));
+    (row.outcome.done, row.outcome.runs) = ("rolled-back", Some(installed("r")));
+    let id = serde_json::to_string(&row.outcome.node).unwrap();
+    let outcome = |of: &str| format!(r#"{{"node":{id},"host":"heli1","done":"{of}","why":null,"note":null,"#);
+    let times = r#""seconds":0.0,"probe_s":0.0,"copied_bytes":0,"copy_s":0.0,"apply_s":0.0,"restart_s":null}"#;
+    let wanted = outcome("rolled-back") + r#""release":"r","bundle":"b","# + times;
+    assert_eq!(serde_json::to_string(&row).unwrap(), wanted);
+    assert_eq!(row.outcome.to_text(), "node 1 rolled back");
+    let landed = Outcome { done: "landed", ..Outcome::new(&node(1, Some("heli1"))) };
+    assert_eq!(serde_json::to_string(&landed).unwrap(), outcome("landed") + r#""seconds":0.0}"#);
 }
 
 #[test]
