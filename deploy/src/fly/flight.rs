@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 
 use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::message::{StandingOrders, Trace, Verb};
+use skein_common::message::{Order, StandingOrders, Trace, Verb};
 use skein_common::scenario::{Described, Scenario, Target};
 use skein_common::state::{Activity, Membership};
 use skein_common::topic::Branch;
@@ -34,7 +34,6 @@ use super::plan::Plan;
 use super::script::{self, ScriptedAction};
 use super::stream::{Happened, Line};
 use crate::record::{Recorder, told};
-use events::UnderWay;
 use figures::summary;
 use skein_cluster::display::journal::Journal;
 use skein_cluster::display::status::{Ending, FlightStatus, Known, Stage};
@@ -99,8 +98,8 @@ pub struct Flight {
     killed: VehicleSet,
     /// The counts of agents that have ended.
     ended: Totals,
-    /// The orders that are to be repeated.
-    orders: Vec<UnderWay>,
+    /// The orders that are to be repeated, each with the time of its next repetition.
+    orders: Vec<(Order, Instant)>,
     /// The orders that were given from here.
     given: StandingOrders,
     journal: Journal,

@@ -13,8 +13,8 @@ use skein_lab::faults::{InjectedFault, LinkChange, LinkChanges, link_changes};
 /// The ground truth of a flight.
 #[derive(Debug)]
 pub struct Ground {
-    /// Changes of links that are still to come.
-    schedule: Vec<ScheduledChange>,
+    /// Changes of links, from a sender to a receiver, that are still to come, each with its time, s.
+    schedule: Vec<(f64, (VehicleId, VehicleId), LinkChange)>,
     /// When each vehicle first was active: the times of the scenario's cuts count from the receiver's.
     took_off: BTreeMap<VehicleId, Instant>,
     /// The incarnations that ended last; without a number for agents that were never in contact.
@@ -23,20 +23,13 @@ pub struct Ground {
     restarted: VehicleSet,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct ScheduledChange {
-    at_s: f64,
-    link: (VehicleId, VehicleId),
-    change: LinkChange,
-}
-
 impl Ground {
     /// Nothing has happened yet to the swarm of this scenario.
     pub fn new(scenario: &Scenario) -> Self {
         let links = scenario.ids().flat_map(|sender| scenario.ids().map(move |receiver| (sender, receiver)));
         let actions = links.flat_map(|link| {
             let changes = link_changes(&scenario.mission.events, link.0, link.1).into_iter();
-            changes.map(move |(at_s, change)| ScheduledChange { at_s, link, change })
+            changes.map(move |(at_s, change)| (at_s, link, change))
         });
         Self {
             schedule: actions.collect(),
@@ -87,12 +80,12 @@ impl Ground {
     /// Takes the faults of links since the last call.
     pub fn due(&mut self, now: Instant) -> Vec<InjectedFault> {
         let Self { schedule, took_off, .. } = self;
-        let is_due = |action: &mut ScheduledChange| {
-            let took_off = took_off.get(&action.link.1);
-            took_off.is_some_and(|at| now.saturating_duration_since(*at).as_secs_f64() >= action.at_s)
+        let is_due = |(at_s, (_, receiver), _): &mut (f64, (VehicleId, VehicleId), LinkChange)| {
+            let took_off = took_off.get(receiver);
+            took_off.is_some_and(|at| now.saturating_duration_since(*at).as_secs_f64() >= *at_s)
         };
         let mut changes = LinkChanges::default();
-        schedule.extract_if(.., is_due).for_each(|action| changes.add(action.change, action.link));
+        schedule.extract_if(.., is_due).for_each(|(_, link, change)| changes.add(change, link));
         changes.faults().collect()
     }
 }

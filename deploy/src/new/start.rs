@@ -88,16 +88,13 @@ fn law(name: &Name, lang: Language, source: Option<&Path>) -> Start {
     };
     let ring = "{ inner_width_m = 20, outer_width_m = 20 }";
     let (law, scenario) = match lang {
-        Language::Python => {
-            let command = format!("command = [\"python3\", \"{name}.py\"]        # a process for each vehicle");
-            let law = NewFile::new(format!("{name}.py"), ring_py.text, "the law: the shipped ring, to be changed");
-            (law, external(command, ring))
-        }
-        Language::Octave => {
-            let command =
-                format!("command = [\"octave-cli\", \"--quiet\", \"{name}.m\"]    # a process for each vehicle");
-            let law = NewFile::new(format!("{name}.m"), ring_m.text, "the law: the shipped ring, to be changed");
-            (law, external(command, ring))
+        Language::Python | Language::Octave => {
+            let (program, file, text, space) = match lang {
+                Language::Python => ("\"python3\"", format!("{name}.py"), ring_py.text, "        "),
+                _ => ("\"octave-cli\", \"--quiet\"", format!("{name}.m"), ring_m.text, "    "),
+            };
+            let command = format!("command = [{program}, \"{file}\"]{space}# a process for each vehicle");
+            (NewFile::new(file, text, "the law: the shipped ring, to be changed"), external(command, ring))
         }
         Language::Matlab => {
             let listen = "listen = \"tcp/127.0.0.1:5600\"              # Matlab connects; in a study one program serves all vehicles";

@@ -71,19 +71,15 @@ fn limits() -> [Line; 2] {
     // The priority of this thread alone is raised.
     let priority = thread::spawn(unix::raise_thread_priority).join().unwrap_or_default();
     let memory = unix::lock_memory();
+    let limit = |what, found: String, good: &str, rare: &str, entry: &str| match found.starts_with(good) {
+        true => line(what, found),
+        false => line(what, found).warning(format!(
+            "steps may be late while {rare}; `* - {entry}` in {LIMITS_FILE} permits it from the next login on"
+        )),
+    };
     [
-        match priority.starts_with("real-time") {
-            true => line("priority", priority),
-            false => line("priority", priority).warning(format!(
-                "steps may be late while other programs work; `* - rtprio 50` in {LIMITS_FILE} permits it from the next login on"
-            )),
-        },
-        match memory.starts_with("memory locked") {
-            true => line("memory", memory),
-            false => line("memory", memory).warning(format!(
-                "steps may be late while memory is short; `* - memlock unlimited` in {LIMITS_FILE} permits it from the next login on"
-            )),
-        },
+        limit("priority", priority, "real-time", "other programs work", "rtprio 50"),
+        limit("memory", memory, "memory locked", "memory is short", "memlock unlimited"),
     ]
 }
 

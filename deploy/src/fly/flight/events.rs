@@ -15,13 +15,6 @@ use skein_lab::faults::{FROZEN, InjectedFault, OperatorOrder};
 /// Between two sayings of an order.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// An order under way, with the time of its next saying.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct UnderWay {
-    order: Order,
-    again: Instant,
-}
-
 impl Flight {
     /// Does what the scenario has for now.
     pub(super) fn play(&mut self, now: Instant) {
@@ -88,15 +81,15 @@ impl Flight {
         let before = self.given.iter().map(|before| before.epoch.saturating_add(1)).max();
         let order = Order { epoch: before.unwrap_or(0).max(order.epoch), vehicles, ..order };
         self.given.merge(order);
-        self.orders.push(UnderWay { order, again: now });
+        self.orders.push((order, now));
         let given = &self.given;
-        self.orders.retain(|under_way| given.iter().any(|known| known == under_way.order));
+        self.orders.retain(|(order, _)| given.iter().any(|known| known == *order));
     }
 
     /// Repeats each order that no newer one has replaced until every vehicle has taken it.
     pub(super) fn repeat_orders(&mut self, now: Instant) {
         let mut due = Vec::new();
-        for UnderWay { order, again } in self.orders.iter_mut().filter(|under_way| now >= under_way.again) {
+        for (order, again) in self.orders.iter_mut().filter(|(_, again)| now >= *again) {
             *again = now.max(*again) + AGAIN;
             due.push(*order);
         }

@@ -53,11 +53,13 @@ impl Flight {
         if *role == ProcessRole::Agent {
             self.count_out(now, *id);
         }
-        let what = match role {
-            ProcessRole::Agent => format!("vehicle {id}"),
-            ProcessRole::Standin => format!("vehicle {id}'s simulator"),
-        };
         let how = os::how_it_ended(*status);
+        let (what, one, several) = match role {
+            ProcessRole::Agent => (format!("vehicle {id}"), how.clone(), how.clone()),
+            ProcessRole::Standin => {
+                (format!("vehicle {id}'s simulator"), format!("its simulator {how}"), format!("simulators {how}"))
+            }
+        };
         let wrote = last_words.as_ref().map(|text| format!(" ({text})")).unwrap_or_default();
         let sentence = format!("{what}: {how}{wrote}");
         let was_killed = *role == ProcessRole::Agent && self.killed.contains(*id);
@@ -72,11 +74,6 @@ impl Flight {
         }
         self.record(|recorder| recorder.note(now, Severity::Info, "fly", &sentence));
         self.stream(now, Line::Note { text: sentence });
-        let several = match role {
-            ProcessRole::Agent => how.clone(),
-            ProcessRole::Standin => format!("simulators {how}"),
-        };
-        let one = if *role == ProcessRole::Agent { how } else { format!("its simulator {how}") };
         let awaited = self.live().map(|(id, _)| id).collect();
         self.journal.add_alike(self.when(now), *id, Alike { one, several, by_all: true }, awaited);
     }
