@@ -120,6 +120,7 @@ impl Bundle {
             sources.check(&path).map_err(|why| format!("control.rules: {why}"))?;
             files.push((axis, BundleFile { is_secret: false, is_executable: false, content: read(&path)? }));
         }
+        // The first folder that is free or has the same files: teams with equal rules share one.
         let mut nth = 1;
         loop {
             let folder = if nth == 1 { "rules".to_owned() } else { format!("rules-{nth}") };

@@ -131,6 +131,7 @@ impl<'a> Elf<'a> {
         let needed = needed.into_iter().find(|at| self.number::<4>(at + 4) == Some(VERSIONS_NEEDED as usize))?;
         let (mut library, libraries) = (self.number::<8>(needed + 0x18)?, self.number::<4>(needed + 0x2c)?);
         let texts = self.number::<8>(self.section(self.number::<4>(needed + 0x28)?)? + 0x18)?;
+        // Two chains, one within the other: the libraries, and the versions that are needed of each.
         let mut newest = None;
         for _ in 0..libraries {
             let mut required = library.checked_add(self.number::<4>(library + 8)?)?;

@@ -345,13 +345,12 @@ fn verdict(status: &SwarmStatus) -> Result<(), Error> {
     };
     let silent = ids(|node| node.report.is_none());
     let faulty = ids(|node| node.report.as_ref().is_some_and(|report| !report.faults.is_empty()));
-    let why = [("not in contact: node", silent), ("faulty: node", faulty)];
-    let why: Vec<_> = why.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     if status.is_good() {
         return Ok(());
     }
-    let sentence = why.iter().map(|(what, ids)| format!("{what} {ids}")).collect::<Vec<_>>().join("; ");
-    Err(Error::Failed(sentence))
+    let why = [("not in contact: node", silent), ("faulty: node", faulty)].into_iter();
+    let why = why.filter(|(_, ids)| !ids.is_empty()).map(|(what, ids)| format!("{what} {ids}"));
+    Err(Error::Failed(why.collect::<Vec<_>>().join("; ")))
 }
 
 #[cfg(test)]

@@ -230,6 +230,7 @@ impl Up<'_> {
         let swarm = self.chosen.inventory.nodes.len();
         let starts = |node: &&Node| rows[&node.id].why.is_none() && running.get(&node.id).is_none_or(Option::is_none);
         let hosts = self.chosen.hosts();
+        // Of each host that is to start an agent the first such node, and the number of its agents, unless any host runs so few.
         let asked: Vec<_> = hosts
             .iter()
             .filter_map(|(host, nodes)| Some((host, *nodes.iter().find(|node| starts(node))?, nodes.len())))

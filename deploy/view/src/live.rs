@@ -42,21 +42,14 @@ const SUMMARIES_WITHIN: Duration = Duration::from_secs(2);
 /// Why nothing can be shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Problem {
-    text: String,
-    remedy: String,
-}
-
-impl Problem {
-    /// The message about a problem with this text.
-    pub(super) fn message(text: &str, remedy: &str) -> String {
-        json!({ "type": "problem", "text": text, "remedy": remedy }).to_string()
-    }
+    pub(super) text: String,
+    pub(super) remedy: String,
 }
 
 /// The message about a problem, or about its end.
 pub(super) fn problem_message(problem: Option<&Problem>) -> String {
     match problem {
-        Some(Problem { text, remedy }) => Problem::message(text, remedy),
+        Some(Problem { text, remedy }) => json!({ "type": "problem", "text": text, "remedy": remedy }).to_string(),
         None => json!({ "type": "problem", "text": null }).to_string(),
     }
 }
@@ -343,20 +336,13 @@ impl Watched {
         let first = self.reaches.iter().find_map(|reach| reach.agents.values().next());
         let at = first.map_or_else(String::new, |first| format!(" at {first} and its other addresses"));
         let remedy = match &*self.place {
-            Place::Here(_) => {
+            Place::Here(there) => {
                 let others = self.others.as_ref().map_or_else(String::new, |others| format!("; {others}"));
-                format!("start it with `skein fly`, or see what became of it in {}{others}", self.log_folder())
+                format!("start it with `skein fly`, or see what became of it in {}{others}", there.out.display())
             }
             Place::Cluster(_) => "`skein cluster status` shows which nodes run".to_owned(),
         };
         Problem { text: format!("no agent of {title} answers{at}"), remedy }
-    }
-
-    fn log_folder(&self) -> String {
-        match &*self.place {
-            Place::Here(there) => there.out.display().to_string(),
-            Place::Cluster(_) => String::new(),
-        }
     }
 
     /// The swarm now, and what that was made of.
@@ -366,6 +352,7 @@ impl Watched {
         let shown: Vec<_> = self.teams.iter().zip(&observed).map(|(team, observed)| vehicles(team, observed)).collect();
         let mut all: Vec<_> = shown.iter().flat_map(|(_, vehicles)| vehicles.iter().cloned()).collect();
         add_nearest(&mut all);
+        // The nearest vehicle may be of another team: the list of all is divided again only afterwards.
         let mut rest = all.as_slice();
         let mut judged = Vec::new();
         for ((team, observed), (rows, own)) in self.teams.iter().zip(&observed).zip(&shown) {

@@ -158,12 +158,10 @@ fn reachable(listen: SocketAddr, interfaces: impl Iterator<Item = (String, IpAdd
         IpAddr::V6(ip) => ip.is_unicast_link_local(),
     };
     let fits = |ip: &IpAddr| listen.is_ipv6() || ip.is_ipv4();
-    let mut all: Vec<(bool, bool, IpAddr)> = interfaces
-        .filter(|(_, ip)| fits(ip) && !ip.is_loopback() && !is_linked(ip))
-        .map(|(name, ip)| (is_virtual(&name), ip.is_ipv6(), ip))
-        .collect();
-    all.sort_by_key(|(is_virtual, is_v6, _)| (*is_virtual, *is_v6));
-    let mut all: Vec<IpAddr> = all.into_iter().map(|(_, _, ip)| ip).collect();
+    let reachable = interfaces.filter(|(_, ip)| fits(ip) && !ip.is_loopback() && !is_linked(ip));
+    let mut all: Vec<(String, IpAddr)> = reachable.collect();
+    all.sort_by_key(|(name, ip)| (is_virtual(name), ip.is_ipv6()));
+    let mut all: Vec<IpAddr> = all.into_iter().map(|(_, ip)| ip).collect();
     all.push(Ipv4Addr::LOCALHOST.into());
     all.dedup();
     all.into_iter().map(|ip| SocketAddr::new(ip, listen.port())).collect()

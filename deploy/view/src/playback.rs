@@ -15,7 +15,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval};
 use super::events::{Event, EventMessage};
 use super::field;
 use super::hello;
-use super::live::Problem;
+use super::live::{Problem, problem_message};
 use super::orders;
 use super::snapshot::{Snapshot, Status, Team, Vehicle, add_nearest, team_place, vehicles};
 use super::socket::{Ask, Wishes, next, send};
@@ -39,7 +39,7 @@ pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) {
         Ok(recording) => recording,
         Err(error) => {
             let remedy = "give `skein view` another file; this page tries again when it is loaded again";
-            send(&mut socket, Message::text(Problem::message(&error.to_string(), remedy))).await;
+            send(&mut socket, problem(&error, remedy)).await;
             // The page would connect again at once.
             while socket.recv().await.is_some_and(|message| message.is_ok()) {}
             return;
@@ -78,6 +78,12 @@ pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) {
             },
         }
     }
+}
+
+/// The message about a recording that cannot be shown.
+fn problem(error: &RecordError, remedy: &str) -> Message {
+    let problem = Problem { text: error.to_string(), remedy: remedy.to_owned() };
+    Message::text(problem_message(Some(&problem)))
 }
 
 /// Reads the recording on a thread that may wait for the disk.
@@ -164,7 +170,7 @@ impl Recording {
         let (snapshot, observed) = match shown {
             Ok(shown) => shown,
             Err(error) => {
-                return vec![Message::text(Problem::message(&error.to_string(), "`skein record --repair`"))];
+                return vec![problem(&error, "`skein record --repair`")];
             }
         };
         let detail = wishes.detail.clone();

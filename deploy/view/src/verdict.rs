@@ -108,6 +108,7 @@ fn partitions(judged: &Judged<'_>) -> Vec<(Level, String)> {
     let receives =
         |to: &VehicleId, from: &VehicleId| standing(to, from).is_some_and(|standing| standing != PeerStatus::Lost);
     let lost = |to: &VehicleId, from: &VehicleId| standing(to, from) == Some(PeerStatus::Lost);
+    // Each part grows from one vehicle by those that are linked with any in it.
     let mut left: Vec<VehicleId> = members.keys().copied().collect();
     while let Some(first) = left.pop() {
         let (mut part, mut nth) = (vec![first], 0);

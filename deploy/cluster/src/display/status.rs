@@ -330,6 +330,7 @@ impl Known {
 /// One row for each vehicle of a swarm that flies this scenario.
 pub fn rows(vehicles: &[Known], scenario: &Scenario) -> Vec<Row> {
     let from_centre_ne_m = |sample: &VehicleFacts| sample.place().horizontal() - Vector2::from(sample.centre_ne_m);
+    // The bearing of each active member from the formation's centre.
     let members: Vec<(VehicleId, f64)> = vehicles
         .iter()
         .filter_map(|known| Some((known.id, known.flying()?)))

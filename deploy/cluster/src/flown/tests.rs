@@ -111,7 +111,7 @@ fn a_run_is_proven_by_more_than_half_of_all_vehicles() {
     assert!(error.contains("no run has a majority of the 4 vehicles"), "{error}");
 }
 
-/// Keys of an operator and of somebody else.
+/// Keys of the operator and of an attacker.
 static KEYS: LazyLock<[SigningKey; 2]> = LazyLock::new(|| [operator(), operator()]);
 
 /// A run, when it began, and whether the operator has signed the note of it.

@@ -101,6 +101,7 @@ fn write_install(node: &NodeFolder, installed: &Installed, bundle: &Bundle) -> R
     }
     let draft = files::draft(&path);
     files::remove(&draft).map_err(at(&draft))?;
+    // The draft, and every folder between it and one of its files.
     let mut folders = BTreeSet::from([draft.clone()]);
     for name in bundle.files.keys() {
         let above = draft.join(name).ancestors().skip(1).map(Path::to_owned).collect::<Vec<_>>();

@@ -12,10 +12,10 @@ const MAX_ROWS: usize = 16;
 
 /// A column: its heading, its place in the order of importance, whether it holds text and not numbers, and its cell. Of the columns
 /// that do not fit, the one with the greatest place is left out first.
-type Column = (&'static str, u8, bool, fn(&HealthReport) -> String);
+type StatusColumn = (&'static str, u8, bool, fn(&HealthReport) -> String);
 
 /// The columns after that of the node.
-const COLUMNS: [Column; 13] = [
+const COLUMNS: [StatusColumn; 13] = [
     ("version", 13, true, |report| report.version.clone()),
     ("plant", 12, true, |report| report.plant.clone()),
     (PHASE, 1, true, |report| shown_phase(&report.phase, report.in_place_s).to_owned()),
@@ -153,7 +153,7 @@ fn worst(one: HealthReport, other: HealthReport) -> HealthReport {
 }
 
 fn row(id: String, report: Option<&HealthReport>) -> Vec<String> {
-    let cell = |(title, _, _, cell): Column| match report {
+    let cell = |(title, _, _, cell): StatusColumn| match report {
         Some(report) => cell(report),
         None => if title == PHASE { "not in contact" } else { "-" }.to_owned(),
     };
