@@ -46,9 +46,11 @@ pub(super) const MAX_SENTENCE: usize = 400;
 const MAX_LINE: usize = 4000;
 /// Interval at which a call is checked.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
-/// How long to wait for the last output after `ssh` has ended: the output is there at once, but a connection that stays
+/// How long to wait for the end of the error output after `ssh` has ended: it is there at once, but a connection that stays
 /// open may hold the pipe.
-const LAST_OUTPUT: Duration = Duration::from_millis(200);
+const LAST_ERROR_OUTPUT: Duration = Duration::from_millis(200);
+/// How long to wait for the end of the answer. No connection holds its pipe, so only a busy computer needs the time.
+const LAST_ANSWER: Duration = Duration::from_secs(5);
 /// Length limit of the socket's path: 107 bytes, of which ssh needs 40 for a hash and 17 while it creates the socket.
 const LONGEST_SOCKET: usize = 107 - 40 - 17;
 
@@ -133,7 +135,7 @@ impl Ssh {
                 within.as_secs_f64()
             ));
         };
-        let (stdout, stderr) = (stdout.text(), stderr.text());
+        let (stdout, stderr) = (stdout.text(LAST_ANSWER), stderr.text(LAST_ERROR_OUTPUT));
         let divided = marks.divide(&stdout);
         let ended = divided.as_ref().and_then(|divided| divided.end);
         let status = self.status(host, ended.map(|(_, status)| status), status, &stderr)?;
@@ -176,7 +178,7 @@ impl Ssh {
             bytes.clear();
         }
         let status = child.wait().map_err(|error| format!("{host}: {error}"))?;
-        let stderr = stderr.text();
+        let stderr = stderr.text(LAST_ERROR_OUTPUT);
         match self.status(host, ended, status, &stderr)? {
             status if !is_begun => Err(not_begun(host, status, "", &stderr)),
             0 => Ok(()),
@@ -319,10 +321,10 @@ struct Collected {
 }
 
 impl Collected {
-    /// Returns the output after the child has ended.
-    fn text(self) -> String {
+    /// Returns the output after the child has ended, once the pipe is closed or this time is over.
+    fn text(self, within: Duration) -> String {
         // On a timeout, return what has arrived.
-        let _ = self.ended.recv_timeout(LAST_OUTPUT);
+        let _ = self.ended.recv_timeout(within);
         let bytes = self.bytes.lock().unwrap_or_else(PoisonError::into_inner);
         String::from_utf8_lossy(&bytes).into_owned()
     }
