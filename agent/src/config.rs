@@ -93,16 +93,9 @@ pub enum ConfigError {
     /// too little room for their starts.
     #[error("{0}: {1}")]
     InScenario(String, #[source] Box<dyn Error + Send + Sync>),
-    /// The vehicle is not in the scenario.
-    #[error("vehicle {id} does not fly in {file}, which has vehicles 1 to {vehicles}")]
-    NotInSwarm {
-        /// Id asked for.
-        id: VehicleId,
-        /// The scenario's file.
-        file: String,
-        /// Number of vehicles in the scenario.
-        vehicles: usize,
-    },
+    /// The vehicle is not in the scenario's file, which has this number of vehicles.
+    #[error("vehicle {0} does not fly in {1}, which has vehicles 1 to {2}")]
+    NotInSwarm(VehicleId, String, usize),
     /// The vehicle is named without a team in a fleet, with one in a swarm, or with one that the fleet does not have.
     #[error("vehicle {0} does not fly in {1}: in a fleet a vehicle is named with its team, 3/7, and only there")]
     Team(VehicleName, String),
@@ -235,7 +228,7 @@ impl AgentOptions {
         let folder = path.parent().unwrap_or(Path::new(""));
         external::find(&mut scenario, folder)?;
         let Some(vehicle) = scenario.vehicle(id) else {
-            return Err(ConfigError::NotInSwarm { id, file: name, vehicles });
+            return Err(ConfigError::NotInSwarm(id, name, vehicles));
         };
         let (aircraft, aircraft_text) = files::aircraft(&vehicle.aircraft, folder)?;
         let (rules, rule_texts) = files::rules(&scenario.control.rules, folder)?;

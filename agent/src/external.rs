@@ -13,7 +13,6 @@
 use std::collections::VecDeque;
 use std::net::TcpListener;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -44,6 +43,8 @@ struct FromLaw {
     reply: Option<LawReply>,
     /// Why something was refused, at most once for each kind of fault.
     refusals: VecDeque<ShortText>,
+    /// Whether the law's thread has to end.
+    is_over: bool,
 }
 
 /// The external law of one vehicle. Dropping it sends the law a bye.
@@ -51,7 +52,6 @@ struct FromLaw {
 pub struct LiveLaw {
     events: SyncSender<Event>,
     newest: Arc<Mutex<FromLaw>>,
-    stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -70,7 +70,7 @@ impl LiveLaw {
     pub fn start(scenario: &Scenario, own: VehicleId) -> Result<Option<Self>, ExternalError> {
         let Some(transport) = LawTransport::of(scenario)? else { return Ok(None) };
         let (events, queue) = sync_channel(QUEUE);
-        let (newest, stop) = (Arc::new(Mutex::new(FromLaw::default())), Arc::new(AtomicBool::new(false)));
+        let newest = Arc::<Mutex<FromLaw>>::default();
         let mut law_thread = LawThread {
             own,
             hello: Hello::new(scenario, own, Time::Real),
@@ -90,10 +90,9 @@ impl LiveLaw {
         };
         // An error at the first start is reported before the flight begins.
         law_thread.connect()?;
-        let of_thread = stop.clone();
-        let thread = thread::Builder::new().name("law".to_owned()).spawn(move || law_thread.run(&queue, &of_thread));
+        let thread = thread::Builder::new().name("law".to_owned()).spawn(move || law_thread.run(&queue));
         let thread = thread.map_err(|error| ExternalError::Port("cannot start a thread".to_owned(), error))?;
-        Ok(Some(Self { events, newest, stop, thread: Some(thread) }))
+        Ok(Some(Self { events, newest, thread: Some(thread) }))
     }
 
     /// Sends a query. Never waits: a query that does not fit into the queue gets no reply.
@@ -111,7 +110,7 @@ impl LiveLaw {
 
 impl Drop for LiveLaw {
     fn drop(&mut self) {
-        self.stop.store(true, Relaxed);
+        self.newest.lock().is_over = true;
         if let Some(thread) = self.thread.take() {
             // A panic in the thread has been printed.
             let _ = thread.join();
@@ -161,8 +160,8 @@ struct OpenQuery {
 }
 
 impl LawThread {
-    fn run(mut self, queue: &Receiver<Event>, stop: &AtomicBool) {
-        while !stop.load(Relaxed) {
+    fn run(mut self, queue: &Receiver<Event>) {
+        while !self.newest.lock().is_over {
             if let Err(error) = self.connect()
                 && !std::mem::replace(&mut self.has_failed, true)
             {
@@ -257,19 +256,16 @@ impl LawThread {
             }
             LawInput::Data(line) => protocol::read(&line),
         };
-        let taken = match received {
-            Ok(MessageFromLaw::Ready) if !self.is_ready => {
+        let taken = received.and_then(|message| match message {
+            MessageFromLaw::Ready if !self.is_ready => {
                 self.is_ready = true;
                 tracing::info!("vehicle {}'s law is ready", self.own);
                 Ok(())
             }
-            Ok(MessageFromLaw::Ready) => Err(Fault::OutOfPlace("ready".to_owned())),
-            Ok(MessageFromLaw::LawReply(_)) if !self.is_ready => {
-                Err(Fault::OutOfPlace("a reply before ready".to_owned()))
-            }
-            Ok(MessageFromLaw::LawReply(answer)) => self.take(at, answer),
-            Err(fault) => Err(fault),
-        };
+            MessageFromLaw::Ready => Err(Fault::OutOfPlace("ready".to_owned())),
+            MessageFromLaw::LawReply(_) if !self.is_ready => Err(Fault::OutOfPlace("a reply before ready".to_owned())),
+            MessageFromLaw::LawReply(answer) => self.take(at, answer),
+        });
         if let Err(fault) = taken {
             self.count(&fault);
         }

@@ -431,8 +431,7 @@ impl LinkReceiver {
 
     /// Stores a message if the trust rules accept it. `run` is the run of the swarm in its signature, if it has one.
     fn store(&self, key: &str, message: PeerMessage, run: Option<u64>, at: LocalTime) {
-        let refused = |reason: Reason| self.inbox.refusals.refuse(reason, key, &reason);
-        if let Some(message) = self.accept(message, run, refused) {
+        if let Some(message) = self.accept(key, message, run) {
             self.inbox.store(key, Received { message, at });
         }
     }

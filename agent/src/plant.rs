@@ -38,16 +38,11 @@ pub enum PlantError {
     NoModel(String),
     /// The scenario's model does not fly in this plant.
     #[error(
-        "vehicle {id}: `plant.model` = \"{}\" flies in {plants} only: remove the node's plant and the address of its X-Plane",
-        model.name(),
-        plants = PlantKind::flown_by(*model).map(|plant| plant.title).collect::<Vec<_>>().join(" and ")
+        "vehicle {0}: `plant.model` = \"{name}\" flies in {plants} only: remove the node's plant and the address of its X-Plane",
+        name = .1.name(),
+        plants = PlantKind::flown_by(*.1).map(|plant| plant.title).collect::<Vec<_>>().join(" and ")
     )]
-    OtherModel {
-        /// The vehicle's id.
-        id: VehicleId,
-        /// The scenario's model.
-        model: ModelKind,
-    },
+    OtherModel(VehicleId, ModelKind),
     /// The plant takes another kind of command than the scenario's, for which the controller is made.
     #[error("vehicle {0}: its plant takes other commands than the scenario's `swarm.plant`: let the two be the same")]
     OtherCommands(VehicleId),
@@ -85,7 +80,7 @@ impl PlantChoice {
         // The controller is made from the scenario, which every vehicle has alike.
         let command = |kind: PlantKind| kind.spec().command_for(scenario.plant.model);
         match command(kind) {
-            None => return Err(PlantError::OtherModel { id, model: scenario.plant.model }),
+            None => return Err(PlantError::OtherModel(id, scenario.plant.model)),
             taken if taken != command(scenario.swarm.plant) => return Err(PlantError::OtherCommands(id)),
             _ => {}
         }

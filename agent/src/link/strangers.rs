@@ -84,7 +84,7 @@ impl LinkReceiver {
     /// Verifies a message of a stranger and stores it with `store`, which is false for an old message.
     fn receive_stranger<M: Message>(&self, key: &str, bytes: &[u8], id: FleetVehicle, store: impl Fn(M) -> bool) {
         let Some(verified) = self.verified::<M>(key, bytes, Some(id.into())) else { return };
-        if let Err(reason) = self.accept_stranger(id.team, verified.run) {
+        if let Some(reason) = self.refusal_of_stranger(id.team, verified.run) {
             return self.inbox.refusals.refuse(reason, key, &reason);
         }
         if !store(verified.message) {

@@ -59,14 +59,10 @@ impl LinkReceiver {
         self.orders.as_ref().map_or(0, Checker::known)
     }
 
-    /// Returns the part of a message that is accepted. `run` is the run in its signature, if it has one. Calls
-    /// `refused` with the reason for each part that is not accepted.
-    pub(super) fn accept(
-        &self,
-        message: PeerMessage,
-        run: Option<u64>,
-        mut refused: impl FnMut(Reason),
-    ) -> Option<PeerMessage> {
+    /// Returns the part of a message under this key that is accepted; counts each part that is not. `run` is the run in its
+    /// signature, if it has one.
+    pub(super) fn accept(&self, key: &str, message: PeerMessage, run: Option<u64>) -> Option<PeerMessage> {
+        let refused = |reason: Reason| self.inbox.refusals.refuse(reason, key, &reason);
         let reason = match (message.sender(), message) {
             (Some(id), _) if id == self.own => Reason::Forged,
             (Some(id), _) if usize::from(id.get()) > self.trust.vehicles => Reason::UnknownVehicle,
@@ -89,17 +85,14 @@ impl LinkReceiver {
         None
     }
 
-    /// Checks a state of another team's vehicle. `run` is the run in its signature, if it has one. The number of
+    /// Why a state of another team's vehicle is refused, if it is. `run` is the run in its signature, if it has one. The number of
     /// vehicles of another team is not known here; where messages are signed, only a vehicle of the fleet has a key.
-    ///
-    /// # Errors
-    /// Why the state is refused.
-    pub(super) fn accept_stranger(&self, team: TeamId, run: Option<u64>) -> Result<(), Reason> {
+    pub(super) fn refusal_of_stranger(&self, team: TeamId, run: Option<u64>) -> Option<Reason> {
         match run {
-            _ if Some(team) == self.branch.team() => Err(Reason::Forged),
-            _ if team.get() > self.trust.team.map_or(0, |team| team.teams) => Err(Reason::UnknownVehicle),
-            Some(run) if run != self.trust.run => Err(Reason::OtherRun),
-            _ => Ok(()),
+            _ if Some(team) == self.branch.team() => Some(Reason::Forged),
+            _ if team.get() > self.trust.team.map_or(0, |team| team.teams) => Some(Reason::UnknownVehicle),
+            Some(run) if run != self.trust.run => Some(Reason::OtherRun),
+            _ => None,
         }
     }
 

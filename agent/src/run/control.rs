@@ -309,14 +309,10 @@ impl Control {
         Drops {
             plant_malformed: malformed,
             plant_foreign: foreign,
-            undecodable: link.undecodable,
-            other_version: link.other_version,
             forged: core.forged + link.forged,
             old: core.old + link.old,
             measurement: core.measurement,
-            unsigned: link.unsigned,
-            other_plan: link.other_plan,
-            links: link.links,
+            ..link
         }
     }
 

@@ -199,14 +199,10 @@ fn answer(object: &Map<String, Value>) -> Result<LawReply, Fault> {
         }
         _ => return Err(Fault::Content("velocity_ned_m_s and field_ne are both present, or both missing")),
     };
-    let heading_rad = match object.get("heading_rad") {
-        Some(heading) => Some(number(heading).ok_or(Fault::Content("heading_rad is not a finite number"))?),
-        None => None,
-    };
-    let reached = match object.get("reached") {
-        Some(reached) => Some(reached.as_bool().ok_or(Fault::Content("reached is neither true nor false"))?),
-        None => None,
-    };
+    let heading = object.get("heading_rad").map(|heading| number(heading).ok_or("heading_rad is not a finite number"));
+    let heading_rad = heading.transpose().map_err(Fault::Content)?;
+    let reached = object.get("reached").map(|reached| reached.as_bool().ok_or("reached is neither true nor false"));
+    let reached = reached.transpose().map_err(Fault::Content)?;
     let vehicle = vehicle_id(vehicle)?;
     Ok(LawReply { vehicle, tick, command, heading_rad, reached, log: object.get("log").map(log).unwrap_or_default() })
 }
@@ -232,12 +228,8 @@ fn log(value: &Value) -> Vec<LawNumber> {
 }
 
 fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
-    let items: &[Value; N] = value.as_array()?.as_slice().try_into().ok()?;
-    let mut numbers = [0.0; N];
-    for (number_here, item) in numbers.iter_mut().zip(items) {
-        *number_here = number(item)?;
-    }
-    Some(numbers)
+    let numbers: Vec<f64> = value.as_array()?.iter().map(number).collect::<Option<_>>()?;
+    numbers.try_into().ok()
 }
 
 fn number(value: &Value) -> Option<f64> {

@@ -9,7 +9,7 @@ use std::net::{Shutdown, SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -48,17 +48,18 @@ impl<F: FnMut(Instant, LawInput) -> bool + Send + 'static> Sink for F {}
 #[derive(Debug)]
 pub struct LawSession {
     outbox: Option<SyncSender<Vec<u8>>>,
-    writer: Option<JoinHandle<()>>,
-    /// Passes on the standard error of a process.
-    errors: Option<JoinHandle<()>>,
     partner: Partner,
 }
 
 #[derive(Debug)]
 enum Partner {
-    Process(Child),
-    Connection(TcpStream),
-    Datagrams { closed: Arc<AtomicBool> },
+    /// The thread passes on its standard error.
+    Process(Child, Option<JoinHandle<()>>),
+    /// The thread writes to it.
+    Connection(TcpStream, Option<JoinHandle<()>>),
+    Datagrams {
+        closed: Arc<AtomicBool>,
+    },
 }
 
 /// The law has stopped reading its messages.
@@ -94,10 +95,9 @@ impl LawSession {
         if let Some(stdout) = process.stdout.take() {
             thread::spawn(move || read_lines(stdout, sink));
         }
-        let (outbox, messages) = sync_channel(QUEUE);
-        let stdin = process.stdin.take();
-        let writer = stdin.map(|stdin| thread::spawn(move || write_all(messages, stdin)));
-        Ok(Self { outbox: Some(outbox), writer, errors, partner: Partner::Process(process) })
+        let mut stdin = process.stdin.take().ok_or(io::ErrorKind::BrokenPipe)?;
+        let (outbox, _) = queue(move |message| stdin.write_all(message).and_then(|()| stdin.flush()));
+        Ok(Self { outbox: Some(outbox), partner: Partner::Process(process, errors) })
     }
 
     /// Starts a session over a connection that a law has made.
@@ -108,11 +108,10 @@ impl LawSession {
         stream.set_nonblocking(false)?;
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(WRITE_TIMEOUT))?;
-        let (reading, writing) = (stream.try_clone()?, stream.try_clone()?);
+        let (reading, mut writing) = (stream.try_clone()?, stream.try_clone()?);
         thread::spawn(move || read_lines(reading, sink));
-        let (outbox, messages) = sync_channel(QUEUE);
-        let writer = thread::spawn(move || write_all(messages, writing));
-        Ok(Self { outbox: Some(outbox), writer: Some(writer), errors: None, partner: Partner::Connection(stream) })
+        let (outbox, writer) = queue(move |message| writing.write_all(message));
+        Ok(Self { outbox: Some(outbox), partner: Partner::Connection(stream, Some(writer)) })
     }
 
     /// Starts a session over datagrams: messages are sent to `ask`; input from any sender is received at `answer`.
@@ -127,14 +126,12 @@ impl LawSession {
         let (reading, closed) = (socket.try_clone()?, Arc::new(AtomicBool::new(false)));
         let of_reader = closed.clone();
         thread::spawn(move || read_datagrams(&reading, &of_reader, sink));
-        let (outbox, messages) = sync_channel::<Vec<u8>>(QUEUE);
-        let writer = thread::spawn(move || {
-            for message in messages {
-                // The law may not be up yet.
-                let _ = socket.send_to(&message, to);
-            }
+        let (outbox, _) = queue(move |message| {
+            // The law may not be up yet.
+            let _ = socket.send_to(message, to);
+            Ok(())
         });
-        Ok(Self { outbox: Some(outbox), writer: Some(writer), errors: None, partner: Partner::Datagrams { closed } })
+        Ok(Self { outbox: Some(outbox), partner: Partner::Datagrams { closed } })
     }
 
     /// Sends a message, without waiting. A law that uses vectors gets only queries.
@@ -162,7 +159,7 @@ impl LawSession {
 
     /// Describes how the law ended.
     pub fn how_it_ended(&mut self) -> String {
-        let Partner::Process(process) = &mut self.partner else { return "has closed the connection".to_owned() };
+        let Partner::Process(process, _) = &mut self.partner else { return "has closed the connection".to_owned() };
         wait_while(END_TIMEOUT, || matches!(process.try_wait(), Ok(None)));
         match process.try_wait() {
             Ok(Some(status)) => format!("has ended ({status})"),
@@ -181,17 +178,16 @@ impl Drop for LawSession {
     fn drop(&mut self) {
         self.send_bye();
         match &mut self.partner {
-            Partner::Process(process) => {
+            Partner::Process(process, errors) => {
                 wait_while(END_TIMEOUT, || matches!(process.try_wait(), Ok(None)));
                 // Its own children may still hold its streams; the threads end when those do.
                 let _ = process.kill();
                 let _ = process.wait();
                 // The last line often says why the process has ended.
-                let errors = self.errors.as_ref();
-                wait_while(LAST_LINES_TIMEOUT, || errors.is_some_and(|errors| !errors.is_finished()));
+                wait_while(LAST_LINES_TIMEOUT, || errors.as_ref().is_some_and(|errors| !errors.is_finished()));
             }
-            Partner::Connection(stream) => {
-                self.writer.take().map(JoinHandle::join);
+            Partner::Connection(stream, writer) => {
+                writer.take().map(JoinHandle::join);
                 let _ = stream.shutdown(Shutdown::Both);
             }
             Partner::Datagrams { closed } => closed.store(true, Relaxed),
@@ -207,13 +203,10 @@ fn wait_while(timeout: Duration, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// Writes messages until the queue is closed or the law stops reading.
-fn write_all(messages: Receiver<Vec<u8>>, mut to: impl Write) {
-    for message in messages {
-        if to.write_all(&message).and_then(|()| to.flush()).is_err() {
-            return;
-        }
-    }
+/// A queue, and the thread that writes its messages until the queue is closed or the law stops reading.
+fn queue(mut write: impl FnMut(&[u8]) -> io::Result<()> + Send + 'static) -> (SyncSender<Vec<u8>>, JoinHandle<()>) {
+    let (outbox, messages) = sync_channel::<Vec<u8>>(QUEUE);
+    (outbox, thread::spawn(move || drop(messages.into_iter().try_for_each(|message| write(&message)))))
 }
 
 /// Passes on one line after another.

@@ -31,13 +31,8 @@ pub enum XPlaneLinkError {
     #[error("cannot listen for X-Plane's beacon: {0}; give the simulator's address instead")]
     Beacon(io::Error),
     /// The simulator and the local address are of different families.
-    #[error("an X-Plane at {simulator} cannot be reached from {listen}: one is IPv4, the other IPv6")]
-    AddressFamily {
-        /// The simulator's address.
-        simulator: SocketAddr,
-        /// Local address to bind.
-        listen: IpAddr,
-    },
+    #[error("an X-Plane at {0} cannot be reached from {1}: one is IPv4, the other IPv6")]
+    AddressFamily(SocketAddr, IpAddr),
     /// The path of the aircraft file for peers does not fit into a message.
     #[error("`plant.peer_acf` of the scenario cannot be encoded: {0}")]
     PeerAircraft(WireError),
@@ -76,7 +71,7 @@ impl XPlane {
     ) -> Result<Self, XPlaneLinkError> {
         let simulator = address.unwrap_or((Ipv4Addr::LOCALHOST, PORT).into());
         if simulator.is_ipv4() != listen.is_ipv4() {
-            return Err(XPlaneLinkError::AddressFamily { simulator, listen });
+            return Err(XPlaneLinkError::AddressFamily(simulator, listen));
         }
         let search = if address.is_none() { Some(Search::new().map_err(XPlaneLinkError::Beacon)?) } else { None };
         let port = UdpSocket::bind((listen, 0)).and_then(Port::new);

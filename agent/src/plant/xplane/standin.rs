@@ -123,22 +123,17 @@ impl Standin {
             RunState::Running => {
                 self.announce();
                 self.receive();
-                self.serve();
+                let Self { simulator, web, .. } = self;
+                // What clients of the Web API ask for waits until the simulator has values, after its first frame.
+                if let Some(web) = web.as_mut().filter(|_| simulator.server.has_values()) {
+                    web.serve(simulator.starts, |task| simulator.serve(task));
+                }
                 self.simulate(frame_s);
             }
             RunState::Frozen => {}
             RunState::Gone => self.discard(),
         }
         frame_s
-    }
-
-    /// Carries out what clients of the Web API ask for.
-    fn serve(&mut self) {
-        let Self { simulator, web, .. } = self;
-        // Before its first frame the simulator has no values: what is asked for waits.
-        if let Some(web) = web.as_mut().filter(|_| simulator.server.has_values()) {
-            web.serve(simulator.starts, |task| simulator.serve(task));
-        }
     }
 
     /// Loses the waiting requests, as a computer does on which no simulator listens.

@@ -55,7 +55,7 @@ fn a_law_process_exchanges_lines_and_leaves_nothing_behind() {
     let (errors, stderr) = channel();
     let echo = ["sh", "-c", "echo warned >&2; while read line; do echo \"$line\"; done"].map(str::to_owned);
     let session = LawSession::process(&echo, true, sink, move |line| drop(errors.send(line.to_owned()))).unwrap();
-    let Partner::Process(process) = &session.partner else { panic!("a process") };
+    let Partner::Process(process, _) = &session.partner else { panic!("a process") };
     let id = process.id();
     session.send(&MessageToLaw::LawQuery(&ask(7))).unwrap();
     let Ok(LawInput::Data(line)) = messages.recv_timeout(TIMEOUT) else { panic!("an echo") };
