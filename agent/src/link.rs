@@ -415,8 +415,8 @@ impl LinkReceiver {
         }
     }
 
-    /// Decodes a message and verifies its sender; a message that is refused is counted. `sender` is the vehicle of the key, if the
-    /// key has one.
+    /// Decodes a message and verifies its sender; a message that is refused is counted. `sender` is the vehicle of the
+    /// key, if the key has one.
     fn verified<M: Message>(&self, key: &str, bytes: &[u8], sender: Option<VehicleName>) -> Option<Verified<M>> {
         count(&self.received, bytes.len());
         let refusals = &self.inbox.refusals;

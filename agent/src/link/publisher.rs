@@ -1,5 +1,5 @@
-//! Signs, encodes and publishes the messages of one vehicle, on the publisher's thread, and keeps the last heartbeat for agents that
-//! start late.
+//! Signs, encodes and publishes the messages of one vehicle, on the publisher's thread, and keeps the last heartbeat for
+//! agents that start late.
 
 use std::sync::Arc;
 

@@ -155,9 +155,9 @@ impl Client {
         self.inquiry = Some(Inquiry::new(&self.profile));
     }
 
-    /// Takes over what the scenario says: the aircraft is placed at `start` before its flight if it is on the ground elsewhere; and
-    /// from the table `[plant]` whether random failures are wanted, which peers are drawn as the
-    /// simulator's other aircraft, and the deflection of the stick with which the pilot takes the controls.
+    /// Takes over what the scenario says: the aircraft is placed at `start` before its flight if it is on the ground
+    /// elsewhere; and from the table `[plant]` whether random failures are wanted, which peers are drawn as the simulator's
+    /// other aircraft, and the deflection of the stick with which the pilot takes the controls.
     ///
     /// # Errors
     /// If the path of the aircraft file for peers does not fit into a message.

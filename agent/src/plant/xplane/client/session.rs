@@ -236,8 +236,8 @@ impl Senders {
         self.proven = Some(Contact { address, at });
     }
 
-    /// Assesses the sender of a position that came from `from` at `at`, by the values with our indices. Positions are `frame_period_s` apart;
-    /// `time_rate` is the simulator's time against local time.
+    /// Assesses the sender of a position that came from `from` at `at`, by the values with our indices. Positions are
+    /// `frame_period_s` apart; `time_rate` is the simulator's time against local time.
     pub(super) fn assess(
         &mut self,
         from: SocketAddr,
