@@ -309,7 +309,7 @@ impl Client {
     /// Whether this position is the simulator's.
     fn is_own(&mut self, from: SocketAddr, position: &Position, now: Instant) -> bool {
         let (period_s, rate) = (self.frame_period_s(), self.clock.rate);
-        match self.senders.assess(from, position, &self.readings, now, period_s, rate) {
+        match self.senders.assess((from, now), position, &self.readings, period_s, rate) {
             Sender::Simulator => return true,
             Sender::Unproven => self.counters.unproven += 1,
             Sender::Foreign(Some(excess_m)) if excess_m > 0.0 => {

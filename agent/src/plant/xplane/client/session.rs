@@ -240,10 +240,9 @@ impl Senders {
     /// `frame_period_s` apart; `time_rate` is the simulator's time against local time.
     pub(super) fn assess(
         &mut self,
-        from: SocketAddr,
+        (from, at): (SocketAddr, Instant),
         position: &Position,
         readings: &Readings,
-        at: Instant,
         frame_period_s: f64,
         time_rate: f64,
     ) -> Sender {

@@ -43,7 +43,7 @@ impl Bench {
     }
 
     fn position(&mut self, port: u16, position: &Position) -> Sender {
-        self.senders.assess(address(port), position, &self.readings, self.at, FRAME_S, 1.0)
+        self.senders.assess((address(port), self.at), position, &self.readings, FRAME_S, 1.0)
     }
 
     /// Runs frames with values and one position from each port; returns the assessment of the first port's last
