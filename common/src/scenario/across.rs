@@ -486,15 +486,9 @@ impl Check<'_> {
                     self.all_fly(from, &path("from"))?;
                     self.all_fly(to, &path("to"))?;
                 }
-                EventAction::Fault(
-                    Fault::Kill { vehicle }
-                    | Fault::EngineOut { vehicle }
-                    | Fault::SimulatorFreeze { vehicle }
-                    | Fault::ServoStuck { vehicle, .. }
-                    | Fault::GyroOff { vehicle }
-                    | Fault::GpsFrozen { vehicle }
-                    | Fault::ClockJump { vehicle, .. },
-                ) => self.flies(*vehicle, &path("vehicle"))?,
+                EventAction::Fault(fault) => {
+                    fault.vehicle().map_or(Ok(()), |vehicle| self.flies(vehicle, &path("vehicle")))?;
+                }
                 EventAction::Order(ScriptedOrder { verb, vehicles }) => {
                     let last = self.scenario.mission.steps.len() - 1;
                     if let ScriptedVerb::Goto { step } = verb {
@@ -504,7 +498,6 @@ impl Check<'_> {
                     }
                     self.all_fly(vehicles.as_deref().unwrap_or_default(), &path("vehicles"))?;
                 }
-                EventAction::Fault(Fault::KillControl | Fault::Isolate { .. }) => {}
             }
         }
         self.settings()

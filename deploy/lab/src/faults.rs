@@ -195,17 +195,18 @@ fn deserialize_failure<'de, D: Deserializer<'de>>(from: D) -> Result<FailureName
 
 /// The vehicle that fails by this fault and the scenario's name of the failure; `None` if the fault is not a failure.
 pub fn failure_of(fault: &Fault) -> Option<(VehicleId, FailureName)> {
-    match fault {
-        Fault::EngineOut { vehicle } => Some((*vehicle, "engine_out")),
-        Fault::SimulatorFreeze { vehicle } => Some((*vehicle, FROZEN)),
-        Fault::ServoStuck { vehicle, .. } => Some((*vehicle, "servo_stuck")),
-        Fault::GyroOff { vehicle } => Some((*vehicle, "gyro_off")),
-        Fault::GpsFrozen { vehicle } => Some((*vehicle, "gps_frozen")),
-        Fault::ClockJump { vehicle, .. } => Some((*vehicle, "clock_jump")),
+    let name = match fault {
+        Fault::EngineOut { .. } => "engine_out",
+        Fault::SimulatorFreeze { .. } => FROZEN,
+        Fault::ServoStuck { .. } => "servo_stuck",
+        Fault::GyroOff { .. } => "gyro_off",
+        Fault::GpsFrozen { .. } => "gps_frozen",
+        Fault::ClockJump { .. } => "clock_jump",
         Fault::Kill { .. } | Fault::KillControl | Fault::Isolate { .. } | Fault::Cut { .. } | Fault::Delay { .. } => {
-            None
+            return None;
         }
-    }
+    };
+    Some((fault.vehicle()?, name))
 }
 
 fn verb(order: ScriptedVerb) -> Verb {

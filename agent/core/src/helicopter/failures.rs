@@ -1,11 +1,13 @@
 //! The failures of a built-in vehicle, and when a scenario injects them.
 
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::{EventAction, Fault, ScriptedEvent, Servo};
+use skein_common::scenario::{EventAction, Fault, ScriptedEvent};
 
 use super::dynamics::Dynamics;
+use crate::impairments::lasting;
 
 /// The failures present in a vehicle; by default none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,27 +39,9 @@ impl Failures {
     }
 }
 
-/// The failures of one vehicle over time. The script has no clock: the caller passes the time.
+/// The faults of one vehicle over time, each with its begin and its end. The script has no clock: the caller passes the time.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Script(Vec<Entry>);
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Entry {
-    from_s: f64,
-    /// End of the failure, s; infinite if it is permanent.
-    until_s: f64,
-    what: Failure,
-}
-
-/// A scenario's fault that acts on the plant.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Failure {
-    EngineOut,
-    GyroOff,
-    Stuck(Servo),
-    PositionFrozen,
-    SimulatorFrozen,
-}
+pub struct Script(Vec<(Range<f64>, Fault)>);
 
 /// The plant faults active at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -69,52 +53,31 @@ pub struct ActiveFaults {
 }
 
 impl Script {
-    /// The events that affect this vehicle's plant; all other events are ignored.
+    /// The faults of this vehicle among these events.
     pub fn of(events: &[ScriptedEvent], vehicle: VehicleId) -> Self {
-        let entry = |event: &ScriptedEvent| {
-            let EventAction::Fault(fault) = &event.what else { return None };
-            let what = Failure::of(fault, vehicle)?;
-            let until_s = event.for_s.map_or(f64::INFINITY, |for_s| event.at_s + for_s);
-            Some(Entry { from_s: event.at_s, until_s, what })
+        let entry = |event: &ScriptedEvent| match &event.what {
+            EventAction::Fault(fault) if fault.vehicle() == Some(vehicle) => Some((lasting(event), fault.clone())),
+            _ => None,
         };
         Self(events.iter().filter_map(entry).collect())
     }
 
-    /// The faults active this long after the vehicle's take-off. Overlapping faults combine.
+    /// The faults of the plant that are active this long after the vehicle's take-off. Overlapping faults combine.
     pub fn at(&self, since_take_off_s: f64) -> ActiveFaults {
         let mut now = ActiveFaults::default();
-        for entry in self.0.iter().filter(|entry| (entry.from_s..entry.until_s).contains(&since_take_off_s)) {
-            let failures = &mut now.failures;
-            match entry.what {
-                Failure::EngineOut => failures.engine_out = true,
-                Failure::GyroOff => failures.gyro_off = true,
-                Failure::Stuck(Servo::Roll) => failures.stuck[0] = true,
-                Failure::Stuck(Servo::Pitch) => failures.stuck[1] = true,
-                Failure::Stuck(Servo::Collective) => failures.stuck[2] = true,
-                Failure::PositionFrozen => failures.position_frozen = true,
-                Failure::SimulatorFrozen => now.simulator_frozen = true,
+        let failures = &mut now.failures;
+        for (_, fault) in self.0.iter().filter(|(lasts, _)| lasts.contains(&since_take_off_s)) {
+            match fault {
+                Fault::EngineOut { .. } => failures.engine_out = true,
+                Fault::GyroOff { .. } => failures.gyro_off = true,
+                Fault::ServoStuck { servo, .. } => failures.stuck[*servo as usize] = true,
+                Fault::GpsFrozen { .. } => failures.position_frozen = true,
+                Fault::SimulatorFreeze { .. } => now.simulator_frozen = true,
+                // All others do not act on the plant.
+                _ => {}
             }
         }
         now
-    }
-}
-
-impl Failure {
-    fn of(fault: &Fault, own: VehicleId) -> Option<Self> {
-        let (vehicle, what) = match *fault {
-            Fault::EngineOut { vehicle } => (vehicle, Self::EngineOut),
-            Fault::GyroOff { vehicle } => (vehicle, Self::GyroOff),
-            Fault::ServoStuck { vehicle, servo } => (vehicle, Self::Stuck(servo)),
-            Fault::GpsFrozen { vehicle } => (vehicle, Self::PositionFrozen),
-            Fault::SimulatorFreeze { vehicle } => (vehicle, Self::SimulatorFrozen),
-            Fault::Kill { .. }
-            | Fault::KillControl
-            | Fault::Isolate { .. }
-            | Fault::Cut { .. }
-            | Fault::Delay { .. }
-            | Fault::ClockJump { .. } => return None,
-        };
-        (vehicle == own).then_some(what)
     }
 }
 

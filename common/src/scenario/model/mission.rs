@@ -156,6 +156,22 @@ pub enum Fault {
     },
 }
 
+impl Fault {
+    /// The vehicle that the fault affects; `None` if it affects links, the central controller or a team.
+    pub fn vehicle(&self) -> Option<VehicleId> {
+        match *self {
+            Self::Kill { vehicle }
+            | Self::EngineOut { vehicle }
+            | Self::SimulatorFreeze { vehicle }
+            | Self::ServoStuck { vehicle, .. }
+            | Self::GyroOff { vehicle }
+            | Self::GpsFrozen { vehicle }
+            | Self::ClockJump { vehicle, .. } => Some(vehicle),
+            Self::Cut { .. } | Self::Delay { .. } | Self::KillControl | Self::Isolate { .. } => None,
+        }
+    }
+}
+
 /// Servo of a fault, `servo`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

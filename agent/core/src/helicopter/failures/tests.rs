@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 use skein_common::frame::{Geodetic, Origin, VelocityNed};
-use skein_common::scenario::{ScriptedOrder, ScriptedVerb};
+use skein_common::scenario::{ScriptedOrder, ScriptedVerb, Servo};
 
 use super::*;
 use crate::helicopter::tests::xcell60;
