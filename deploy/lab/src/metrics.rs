@@ -92,6 +92,7 @@ use detection::Detection;
 pub use figures::{Direction, Report, VehicleReport, WALL_CLOCK_KEYS};
 pub use fleet::{FleetReport, FleetTraffic};
 use flock::{Alignment, Following};
+pub(crate) use graph::Components;
 use graph::Graph;
 use handling::Handling;
 use histogram::Histogram;

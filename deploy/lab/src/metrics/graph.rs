@@ -75,14 +75,15 @@ impl Graph {
 
 /// The connected components of a graph, with reused memory.
 #[derive(Debug, Default)]
-struct Components {
+pub(crate) struct Components {
     /// The nodes, those of one component together.
     nodes: Vec<usize>,
     sizes: Vec<usize>,
 }
 
 impl Components {
-    fn find(&mut self, count: usize, joined: impl Fn(usize, usize) -> bool) {
+    /// Finds the components of a graph with so many nodes.
+    pub(crate) fn find(&mut self, count: usize, joined: impl Fn(usize, usize) -> bool) {
         let Self { nodes, sizes } = self;
         nodes.clear();
         nodes.extend(0..count);
@@ -108,7 +109,7 @@ impl Components {
     }
 
     /// Number of nodes of each component.
-    fn sizes(&self) -> &[usize] {
+    pub(crate) fn sizes(&self) -> &[usize] {
         &self.sizes
     }
 

@@ -10,6 +10,7 @@ use skein_common::state::{Membership, PeerStatus};
 
 use super::marks::with_marks;
 use super::{Flight, pieces};
+use crate::metrics::Components;
 use crate::report::figure::{Axis, Colour, Drawing, Item, Panel, Shape};
 
 /// Most vehicles with a row for each pair.
@@ -226,23 +227,10 @@ fn groups(flight: &Flight<'_>, sample: usize) -> usize {
     let receives = |receiver: usize, sender: usize| {
         contact_at(flight, sample, receiver, sender).is_some_and(|contact| contact < Contact::Gone)
     };
-    let mut group: Vec<Option<usize>> = vec![None; flight.count()];
-    let mut groups = 0;
-    for first in &members {
-        if group[*first].is_some() {
-            continue;
-        }
-        group[*first] = Some(groups);
-        let mut open = vec![*first];
-        while let Some(one) = open.pop() {
-            for other in &members {
-                if group[*other].is_none() && receives(one, *other) && receives(*other, one) {
-                    group[*other] = Some(groups);
-                    open.push(*other);
-                }
-            }
-        }
-        groups += 1;
-    }
-    groups
+    let mut components = Components::default();
+    components.find(members.len(), |one, other| {
+        let (one, other) = (members[one], members[other]);
+        receives(one, other) && receives(other, one)
+    });
+    components.sizes().len()
 }
