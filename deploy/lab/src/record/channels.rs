@@ -51,7 +51,8 @@ pub trait Sink {
 pub struct Channels<S> {
     /// Where the messages go.
     pub sink: S,
-    numbers: Numbers,
+    /// The number of each channel, by topic. A fleet has only places, events and faults, a swarm everything but places.
+    numbers: BTreeMap<String, u16>,
     origin: Origin,
     ids: Vec<VehicleId>,
     /// The scenario as written, for the formation of each step of the mission.
@@ -67,40 +68,53 @@ pub struct Channels<S> {
     bytes: Vec<u8>,
 }
 
-/// The number of each channel. A fleet has only places, events and faults, a swarm everything but places.
-#[derive(Default)]
-struct Numbers {
-    traces: BTreeMap<VehicleId, u16>,
-    locations: BTreeMap<VehicleId, u16>,
-    places: Option<u16>,
-    events: Option<u16>,
-    faults: Option<u16>,
-    transforms: Option<u16>,
-    vehicles: Option<u16>,
-    formation: Option<u16>,
-    log: Option<u16>,
-}
-
 impl<S: Sink> Channels<S> {
     /// Adds the channels of a swarm that flies this scenario.
     ///
     /// # Errors
     /// The sink does not take a channel.
     pub fn new(mut sink: S, scenario: &Scenario) -> Result<Self, RecordError> {
-        Ok(Self::with(Numbers::new(&mut sink, scenario)?, sink, scenario))
+        let trace = json_schema(&mut sink, schema::TRACE, &schema::trace())?;
+        let event = json_schema(&mut sink, schema::EVENT, &schema::event())?;
+        let fault = json_schema(&mut sink, schema::FAULT, &schema::fault())?;
+        let location = foxglove_schema::<LocationFix>(&mut sink)?;
+        let transforms = foxglove_schema::<FrameTransforms>(&mut sink)?;
+        let scene = foxglove_schema::<SceneUpdate>(&mut sink)?;
+        let log = foxglove_schema::<Log>(&mut sink)?;
+        let mut channels = Self::without_channels(sink, scenario);
+        for id in scenario.ids() {
+            channels.add(format::trace_topic(id), trace)?;
+            channels.add(format::location_topic(id), location)?;
+        }
+        channels.add(format::EVENTS, event)?;
+        channels.add(format::FAULTS, fault)?;
+        channels.add(format::TRANSFORMS, transforms)?;
+        channels.add(format::VEHICLES, scene)?;
+        channels.add(format::FORMATION, scene)?;
+        channels.add(format::LOG, log)?;
+        Ok(channels)
     }
 
     /// Adds the channels of a fleet whose first team flies this scenario.
     ///
     /// # Errors
     /// The sink does not take a channel.
-    pub(super) fn of_fleet(mut sink: S, scenario: &Scenario) -> Result<Self, RecordError> {
-        Ok(Self::with(Numbers::of_fleet(&mut sink)?, sink, scenario))
+    pub(super) fn of_fleet(sink: S, scenario: &Scenario) -> Result<Self, RecordError> {
+        let mut channels = Self::without_channels(sink, scenario);
+        for (topic, name, schema) in [
+            (TEAMS, "skein.TeamPlaces", schema::of::<TeamPlaces>("skein.TeamPlaces")),
+            (format::EVENTS, "skein.TeamEvent", schema::of::<TeamLine>("skein.TeamEvent")),
+            (format::FAULTS, "skein.TeamFault", schema::of::<TeamLine>("skein.TeamFault")),
+        ] {
+            let schema = json_schema(&mut channels.sink, name, &schema)?;
+            channels.add(topic, schema)?;
+        }
+        Ok(channels)
     }
 
-    fn with(numbers: Numbers, sink: S, scenario: &Scenario) -> Self {
+    fn without_channels(sink: S, scenario: &Scenario) -> Self {
         Self {
-            numbers,
+            numbers: BTreeMap::new(),
             sink,
             origin: Origin::new(scenario.origin.geodetic()),
             ids: scenario.ids().collect(),
@@ -113,11 +127,18 @@ impl<S: Sink> Channels<S> {
         }
     }
 
+    fn add(&mut self, topic: impl Into<String>, (schema, encoding): Schema) -> Result<(), RecordError> {
+        let topic = topic.into();
+        let number = self.sink.add_channel(&topic, schema, encoding)?;
+        self.numbers.insert(topic, number);
+        Ok(())
+    }
+
     /// Draws the vehicles, and the formation with the next step of a vehicle: at the beginning, and again for a new reader.
     pub fn draw(&mut self, log_time_ns: u64) {
         self.drawn = None;
         let vehicles = scene::vehicles(scene::timestamp(log_time_ns), self.ids.iter().copied());
-        self.put_foxglove(self.numbers.vehicles, log_time_ns, || vehicles);
+        self.put_foxglove(format::VEHICLES, log_time_ns, || vehicles);
     }
 
     /// Publishes a step of a vehicle. A step with impossible values is only counted.
@@ -127,13 +148,13 @@ impl<S: Sink> Channels<S> {
             return;
         }
         let (id, time) = (trace.header.sender, scene::timestamp(log_time_ns));
-        self.put_json(self.numbers.traces.get(&id).copied(), log_time_ns, trace);
+        self.put_json(&format::trace_topic(id), log_time_ns, trace);
         let transform = || scene::vehicle_transform(time, trace);
-        self.put_foxglove(self.numbers.transforms, log_time_ns, transform);
+        self.put_foxglove(format::TRANSFORMS, log_time_ns, transform);
         let period = log_time_ns / LOCATION_NS;
         if self.located.insert(id, period) != Some(period) {
             let location = scene::location(time, &self.origin, trace);
-            self.put_foxglove(self.numbers.locations.get(&id).copied(), log_time_ns, || location);
+            self.put_foxglove(&format::location_topic(id), log_time_ns, || location);
         }
         self.draw_formation(log_time_ns, trace);
     }
@@ -149,12 +170,12 @@ impl<S: Sink> Channels<S> {
         let (VehicleName { team, vehicle: sender }, text) = (sender.into(), what.to_string());
         if let Some(team) = team {
             let line = TeamLine { team, vehicle: Some(sender), text, severity: what.severity() };
-            return self.put_json(self.numbers.events, log_time_ns, &line);
+            return self.put_json(format::EVENTS, log_time_ns, &line);
         }
         self.note(log_time_ns, what.severity(), format!("vehicle {sender}"), text.clone());
         let (incarnation, sequence) = header.map(|header| (header.incarnation, header.sequence)).unzip();
         let line = EventLine { vehicle: sender, incarnation, sequence, text: text.into(), what: *what };
-        self.put_json(self.numbers.events, log_time_ns, &line);
+        self.put_json(format::EVENTS, log_time_ns, &line);
     }
 
     /// Publishes a fault that was injected into the swarm, or into this team of a fleet.
@@ -162,22 +183,22 @@ impl<S: Sink> Channels<S> {
         let text = fault.to_string();
         if let Some(team) = team {
             let line = TeamLine { team, vehicle: format::vehicle_of(fault), text, severity: Severity::Error };
-            return self.put_json(self.numbers.faults, log_time_ns, &line);
+            return self.put_json(format::FAULTS, log_time_ns, &line);
         }
         self.note(log_time_ns, Severity::Error, "swarm".to_owned(), text.clone());
         let line = FaultLine { vehicle: format::vehicle_of(fault), text: text.into(), what: Cow::Borrowed(fault) };
-        self.put_json(self.numbers.faults, log_time_ns, &line);
+        self.put_json(format::FAULTS, log_time_ns, &line);
     }
 
     /// Publishes the places of a team's vehicles.
     pub fn places(&mut self, log_time_ns: u64, places: &TeamPlaces) {
-        self.put_json(self.numbers.places, log_time_ns, places);
+        self.put_json(TEAMS, log_time_ns, places);
     }
 
     /// Publishes a line of the log, from source `who`.
     pub fn note(&mut self, log_time_ns: u64, severity: Severity, who: String, what: String) {
         let line = || scene::line(scene::timestamp(log_time_ns), severity, who, what);
-        self.put_foxglove(self.numbers.log, log_time_ns, line);
+        self.put_foxglove(format::LOG, log_time_ns, line);
     }
 
     /// Number of steps that were refused because of impossible values.
@@ -202,16 +223,21 @@ impl<S: Sink> Channels<S> {
         let centre = scene::centre_transform(time, trace.centre_ne_m, formation.altitude_m);
         let is_new = self.drawn.as_ref() != Some(&*formation);
         let drawn = is_new.then(|| (scene::formation(time, &formation), formation.into_owned()));
-        self.put_foxglove(self.numbers.transforms, log_time_ns, || centre);
+        self.put_foxglove(format::TRANSFORMS, log_time_ns, || centre);
         if let Some((drawing, formation)) = drawn {
             self.drawn = Some(formation);
-            self.put_foxglove(self.numbers.formation, log_time_ns, || drawing);
+            self.put_foxglove(format::FORMATION, log_time_ns, || drawing);
         }
     }
 
     /// Puts a message on a channel. A vehicle outside this swarm has no channel.
-    fn put_json(&mut self, channel: Option<u16>, log_time_ns: u64, message: &impl Serialize) {
-        let Some(channel) = channel.filter(|channel| self.sink.is_read(*channel)) else { return };
+    /// The number of this channel, if it has a reader.
+    fn read(&self, topic: &str) -> Option<u16> {
+        self.numbers.get(topic).copied().filter(|channel| self.sink.is_read(*channel))
+    }
+
+    fn put_json(&mut self, topic: &str, log_time_ns: u64, message: &impl Serialize) {
+        let Some(channel) = self.read(topic) else { return };
         self.bytes.clear();
         // Our messages are structs of finite numbers and texts: serialising them cannot fail.
         if serde_json::to_writer(&mut self.bytes, message).is_ok() {
@@ -219,55 +245,13 @@ impl<S: Sink> Channels<S> {
         }
     }
 
-    fn put_foxglove<M: Encode>(&mut self, channel: Option<u16>, log_time_ns: u64, message: impl FnOnce() -> M) {
-        let Some(channel) = channel.filter(|channel| self.sink.is_read(*channel)) else { return };
+    fn put_foxglove<M: Encode>(&mut self, topic: &str, log_time_ns: u64, message: impl FnOnce() -> M) {
+        let Some(channel) = self.read(topic) else { return };
         self.bytes.clear();
         // Encoding into growing memory cannot fail.
         if message().encode(&mut self.bytes).is_ok() {
             self.sink.put(channel, log_time_ns, &self.bytes);
         }
-    }
-}
-
-impl Numbers {
-    fn new(sink: &mut impl Sink, scenario: &Scenario) -> Result<Self, RecordError> {
-        let trace = json_schema(sink, schema::TRACE, &schema::trace())?;
-        let event = json_schema(sink, schema::EVENT, &schema::event())?;
-        let fault = json_schema(sink, schema::FAULT, &schema::fault())?;
-        let location = foxglove_schema::<LocationFix>(sink)?;
-        let transforms = foxglove_schema::<FrameTransforms>(sink)?;
-        let scene = foxglove_schema::<SceneUpdate>(sink)?;
-        let log = foxglove_schema::<Log>(sink)?;
-        let mut channel = |topic: &str, (schema, encoding): Schema| sink.add_channel(topic, schema, encoding);
-        let (mut traces, mut locations) = (BTreeMap::new(), BTreeMap::new());
-        for id in scenario.ids() {
-            traces.insert(id, channel(&format::trace_topic(id), trace)?);
-            locations.insert(id, channel(&format::location_topic(id), location)?);
-        }
-        Ok(Self {
-            traces,
-            locations,
-            places: None,
-            events: Some(channel(format::EVENTS, event)?),
-            faults: Some(channel(format::FAULTS, fault)?),
-            transforms: Some(channel(format::TRANSFORMS, transforms)?),
-            vehicles: Some(channel(format::VEHICLES, scene)?),
-            formation: Some(channel(format::FORMATION, scene)?),
-            log: Some(channel(format::LOG, log)?),
-        })
-    }
-
-    fn of_fleet(sink: &mut impl Sink) -> Result<Self, RecordError> {
-        let mut channel = |name: &str, topic: &str, schema: Value| {
-            let (schema, encoding) = json_schema(sink, name, &schema)?;
-            sink.add_channel(topic, schema, encoding).map(Some)
-        };
-        Ok(Self {
-            places: channel("skein.TeamPlaces", TEAMS, schema::of::<TeamPlaces>("skein.TeamPlaces"))?,
-            events: channel("skein.TeamEvent", format::EVENTS, schema::of::<TeamLine>("skein.TeamEvent"))?,
-            faults: channel("skein.TeamFault", format::FAULTS, schema::of::<TeamLine>("skein.TeamFault"))?,
-            ..Self::default()
-        })
     }
 }
 
