@@ -133,10 +133,10 @@ impl Batch {
 /// A flight of this seed, flown until its pilot is ready.
 fn begun(study: &Study, seed: u64, replaced: Replaced, pilot: &mut impl Pilot) -> Result<SeedFlight, StudyError> {
     let mut flight = match replaced {
-        Replaced::Nothing => SeedFlight::new(study, seed)?,
         Replaced::Law => SeedFlight::with_laws(study, seed, None)?,
-        Replaced::Controls => SeedFlight::new(study, seed)?.for_the_whole_window(),
+        Replaced::Nothing | Replaced::Controls => SeedFlight::new(study, seed)?,
     };
+    flight.ends_with_mission = !matches!(replaced, Replaced::Controls);
     let mut waited = 0;
     pilot.begin();
     while !flight.is_over() && (flight.zero_s.is_none() || !pilot.is_ready()) {

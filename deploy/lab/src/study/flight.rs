@@ -36,9 +36,9 @@ pub(super) struct SeedFlight {
     ticks: u64,
     most_ticks: u64,
     /// Whether the end of the mission ends the flight.
-    ends_with_mission: bool,
+    pub(super) ends_with_mission: bool,
     /// Ends the flight when it is set.
-    stop: Stop,
+    pub(super) stop: Stop,
     /// Why the flight has failed.
     pub(super) failed: Option<StudyError>,
     /// Wall-clock time spent on this flight, s.
@@ -74,24 +74,6 @@ impl SeedFlight {
             failed: None,
             wall_s: now().duration_since(started).as_secs_f64(),
         })
-    }
-
-    /// The same flight, stepped by this many threads.
-    pub(super) fn in_threads(mut self, threads: NonZeroUsize) -> Self {
-        self.world.set_threads(threads);
-        self
-    }
-
-    /// The same flight, which fails when this is set.
-    pub(super) fn until(mut self, stop: Stop) -> Self {
-        self.stop = stop;
-        self
-    }
-
-    /// The same flight, which only the end of its window ends.
-    pub(super) fn for_the_whole_window(mut self) -> Self {
-        self.ends_with_mission = false;
-        self
     }
 
     /// Whether no other flight may be stepped together with this one: one with laws in other programs waits for them and would
@@ -277,7 +259,8 @@ mod tests {
         for sets in [&["swarm.vehicles=21"][..], &["swarm.vehicles=9", "control.mode=central"]] {
             let study = study(sets);
             let flown = |threads| {
-                let flight = SeedFlight::new(&study, 1).unwrap().in_threads(NonZeroUsize::new(threads).unwrap());
+                let mut flight = SeedFlight::new(&study, 1).unwrap();
+                flight.world.set_threads(NonZeroUsize::new(threads).unwrap());
                 without_wall_clock(&flight.fly(None).unwrap())
             };
             let one = flown(1);
@@ -316,7 +299,8 @@ mod tests {
     #[test]
     fn a_flight_ends_when_it_is_stopped() {
         let stop = Stop::default();
-        let mut flight = SeedFlight::new(&study(&["swarm.vehicles=2"]), 1).unwrap().until(stop.clone());
+        let mut flight = SeedFlight::new(&study(&["swarm.vehicles=2"]), 1).unwrap();
+        flight.stop = stop.clone();
         assert!(!flight.is_over());
         stop.set();
         assert!(matches!(flight.fly(None), Err(StudyError::Stopped)));

@@ -123,8 +123,9 @@ impl PlannedRun<'_> {
     pub(in crate::study) fn begin(&self) -> Result<(RunFiles, SeedFlight), Error> {
         self.remove_unfinished();
         let (study, files) = self.only()?;
-        let flight = SeedFlight::new(&study, self.seed).map_err(|error| self.failed(error))?;
-        let flight = flight.in_threads(self.plan.threads).until(self.plan.host.stop.clone());
+        let mut flight = SeedFlight::new(&study, self.seed).map_err(|error| self.failed(error))?;
+        flight.world.set_threads(self.plan.threads);
+        flight.stop = self.plan.host.stop.clone();
         Ok((files, flight))
     }
 
