@@ -155,4 +155,4 @@ fn why(error: &McapError) -> String {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -40,6 +40,8 @@ pub use planned::{FlownStudy, Progress, fly_planned};
 pub use recorded::record_run;
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub use table::rounded;
+#[cfg(test)]
+pub(crate) use verdict::tests::any_run;
 pub use verdict::under_control;
 pub(crate) use verdict::{achievements, detail, failures, list};
 

@@ -18,7 +18,7 @@ use crate::scenario::ScenarioArgs;
 use crate::study::Study;
 
 /// Two vehicles that have flown for a moment, in steps of 20 ms.
-pub(super) fn steps() -> Vec<Trace> {
+pub(crate) fn steps() -> Vec<Trace> {
     let sets = ["swarm.vehicles=2", "duration_s=2"].map(str::to_owned);
     let scenario = ScenarioArgs::default().read(sets.into()).unwrap().scenario;
     let aircraft = vec![Aircraft::shipped("xcell60").unwrap().unwrap(); 2];

@@ -376,3 +376,162 @@ fn place(folder: &Folder, run: &Flown) -> String {
         inside.parent().and_then(|point| point.file_name()).map(|point| point.to_string_lossy().replace('-', " "));
     format!("{} seed {}", point.unwrap_or_default(), run.measured.seed).trim_start().to_owned()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::{BTreeMap, BTreeSet};
+    use std::sync::LazyLock;
+
+    use proptest::prelude::*;
+    use skein_common::frame::{Attitude, PositionNed, VelocityNed};
+
+    use super::*;
+    use crate::record::tests::steps;
+    use crate::recording::{Noted, Watch};
+    use crate::shipped;
+    use crate::study::any_run;
+
+    /// A step of a vehicle that has flown.
+    static STEP: LazyLock<Trace> = LazyLock::new(|| steps().swap_remove(0));
+    const HIGH_M: f64 = 30.0;
+
+    /// Any flight of three vehicles on a line, of which agents end: each second each vehicle is high or on the ground.
+    fn any_flight() -> impl Strategy<Value = Recording> {
+        let place =
+            (prop_oneof![1 => Just(0.2), 3 => Just(HIGH_M)], (0_u8..24).prop_map(|halves| f64::from(halves) / 2.0));
+        let seconds = prop::collection::vec(prop::array::uniform3(place), 0..6);
+        let deaths = prop::collection::btree_map(0_u8..6, 1_u8..=3, 0..3);
+        let lacks = (any::<bool>(), 0_usize..3, 0_u64..3);
+        (seconds, deaths, lacks).prop_map(|(seconds, deaths, (end, pieces, unrecorded))| {
+            let scenario = Source { name: "line", text: "swarm.vehicles = 3" };
+            let scenario = scenario::load(&scenario, &[]).unwrap().scenario;
+            let lacks = Lacks { end, pieces, unrecorded };
+            let mut recording = Recording { lacks, ..Recording::new(&scenario, Run::new(&scenario, "study")) };
+            for (t_s, second) in (0_u8..).map(f64::from).zip(seconds) {
+                for (id, (height_m, north_m)) in scenario.ids().zip(second) {
+                    let mut step = Trace { height_m, membership: Membership::Active, ..STEP.clone() };
+                    step.header.sender = id;
+                    step.position = PositionNed::new(north_m, 0.0, -height_m);
+                    (step.velocity, step.attitude) = (VelocityNed::default(), Attitude::default());
+                    recording.step(t_s, &step);
+                }
+            }
+            for (t_s, id) in deaths {
+                recording.fault(f64::from(t_s), &InjectedFault::Died(VehicleId::new(id).unwrap()));
+            }
+            recording
+        })
+    }
+
+    /// The pairs that come too near to each other in the air.
+    fn collided(recording: &Recording) -> Vec<[VehicleId; 2]> {
+        let pairs = [(0, 1), (0, 2), (1, 2)].map(|(one, other)| [&recording.tracks[one], &recording.tracks[other]]);
+        let meet = |[one, other]: &[&Track; 2]| {
+            let mut seconds = one.steps.iter().map(|step| &step.trace).zip(other.steps.iter().map(|step| &step.trace));
+            seconds.any(|(one, other)| {
+                let is_high = one.height_m == HIGH_M && other.height_m == HIGH_M;
+                is_high && (one.position.north_m() - other.position.north_m()).abs() < COLLISION_M
+            })
+        };
+        pairs.into_iter().filter(meet).map(|pair| pair.map(|track| track.id)).collect()
+    }
+
+    /// The vehicles that come down, none of which was to land, and when, s.
+    fn crashed(recording: &Recording) -> Vec<(VehicleId, f64)> {
+        let down = |track: &Track| {
+            let heights = track.steps.windows(2).find(|pair| pair[0].trace.height_m > pair[1].trace.height_m)?;
+            Some((track.id, heights[1].t_s))
+        };
+        recording.tracks.iter().filter_map(down).collect()
+    }
+
+    fn count(lines: &[Line], tone: Tone) -> usize {
+        lines.iter().filter(|line| line.tone == tone).count()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn a_recording_is_judged_by_what_it_shows(recording in any_flight()) {
+            let (collided, crashed) = (collided(&recording), crashed(&recording));
+            let lines = of_flight(&recording, None);
+            let (shown, lacks) = (collided.len() + crashed.len(), recording.lacks);
+            prop_assert_eq!(count(&lines, Tone::Bad), if shown == 0 { 0 } else { shown + 1 });
+            prop_assert_eq!(count(&lines, Tone::Good), usize::from(shown == 0 && !lacks.end));
+            prop_assert_eq!(count(&lines, Tone::CutOff), usize::from(lacks.end));
+            let missing = usize::from(lacks.pieces > 0) + usize::from(lacks.unrecorded > 0);
+            prop_assert_eq!(count(&lines, Tone::Missing), missing);
+            for [one, other] in collided {
+                let text = format!("Vehicles {one} and {other} collided: ");
+                prop_assert!(lines.iter().any(|line| line.text.starts_with(&text)), "{}", text);
+            }
+            for (id, t_s) in crashed {
+                let text = format!("Vehicle {id} crashed at {t_s:.0} s");
+                let line = lines.iter().find(|line| line.text.starts_with(&text));
+                let line = line.ok_or_else(|| TestCaseError::fail(text))?;
+                let died = |noted: &Noted| noted.what == NotedKind::Fault(InjectedFault::Died(id)) && noted.t_s <= t_s;
+                prop_assert_eq!(line.text.contains(" s after "), recording.noted.iter().any(died), "{}", line.text);
+            }
+        }
+
+        #[test]
+        fn a_flight_with_figures_fails_by_them_and_by_what_its_recording_shows(recording in any_flight(), run in any_run()) {
+            let lines = of_flight(&recording, Some(&run));
+            let failures: Vec<&str> = study::failures(&run).collect();
+            let crashed = crashed(&recording).len();
+            let has_unseen = run.value("crashes").is_some_and(|crashes| crashes as usize > crashed);
+            let bad = usize::from(!failures.is_empty()) + collided(&recording).len() + crashed + usize::from(has_unseen);
+            prop_assert_eq!(count(&lines, Tone::Bad), bad);
+            prop_assert_eq!(count(&lines, Tone::Good), usize::from(failures.is_empty()));
+            let result = result(&run).text;
+            prop_assert!(failures.iter().all(|failure| result.contains(failure.trim_start_matches("with "))), "{}", result);
+        }
+
+        #[test]
+        fn a_broken_limit_is_named(mut broken in prop::collection::btree_set(0..limits::HOVER.len(), 0..4), is_short: bool) {
+            let hover = scenario::load(&shipped::HOVER, &[]).unwrap().scenario;
+            let is_mean = |nth: &usize| limits::HOVER[*nth].key == "radial_mean_m";
+            // The mean radius has two limits, of which it breaks one at most.
+            if let [_, above] = broken.iter().copied().filter(is_mean).collect::<Vec<_>>()[..] {
+                broken.remove(&above);
+            }
+            let flown_s = hover.duration_s.unwrap() - if is_short { 2.0 * EARLY_S } else { 0.0 };
+            let mut run = Measured { figures: BTreeMap::from([("duration_s".to_owned(), Some(flown_s))]), ..Measured::default() };
+            let mut put = |limit: &Limit, by: f64| {
+                let value = match limit.bound { Bound::AtMost(most) => most + by, Bound::AtLeast(least) => least - by };
+                run.figures.insert(limit.key.to_owned(), Some(value));
+            };
+            limits::HOVER.iter().for_each(|limit| put(limit, 0.0));
+            broken.iter().for_each(|nth| put(&limits::HOVER[*nth], 0.5));
+            let line = kept_limits(&hover, &run).unwrap();
+            let tone = if is_short { Tone::Plain } else if broken.is_empty() { Tone::Good } else { Tone::Bad };
+            prop_assert_eq!(line.tone, tone, "{}", line.text);
+            let named = limits::HOVER.iter().enumerate().filter(|(_, limit)| line.text.contains(&beyond(limit, &run)));
+            let named: BTreeSet<usize> = named.map(|(nth, _)| nth).collect();
+            prop_assert_eq!(named, if is_short { BTreeSet::new() } else { broken });
+        }
+
+        #[test]
+        fn a_study_is_good_if_all_its_runs_are(runs in prop::collection::vec(any_run(), 1..8)) {
+            let flown = |measured: &Measured| Flown {
+                folder: format!("no-study/seed-{}", measured.seed).into(),
+                measured: measured.clone(),
+                scenario: BTreeMap::new(),
+            };
+            let runs: Vec<Flown> = runs.iter().map(flown).collect();
+            let failed = |run: &&Flown| study::failures(&run.measured).next().is_some();
+            let failures: BTreeSet<&str> = runs.iter().flat_map(|run| study::failures(&run.measured)).collect();
+            let failed = runs.iter().filter(failed).count();
+            let folder = Folder { path: "no-study".into(), runs: runs.clone(), is_unfinished: false, swept: Vec::new() };
+            let lines = of_study(&folder);
+            prop_assert_eq!(count(&lines, Tone::Good), usize::from(failed == 0));
+            prop_assert_eq!(count(&lines, Tone::Bad), failures.len() + usize::from(failed > 0 && failed < runs.len()));
+            for failure in failures {
+                let are = runs.iter().filter(|run| study::failures(&run.measured).any(|text| text == failure)).count();
+                let text = format!("{are} of {} runs {failure}: ", runs.len());
+                prop_assert!(lines.iter().any(|line| line.tone == Tone::Bad && line.text.starts_with(&text)), "{}", text);
+            }
+        }
+    }
+}

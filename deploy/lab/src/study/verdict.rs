@@ -160,7 +160,7 @@ pub(crate) fn list(items: &[String]) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use proptest::prelude::*;
 
     use super::*;
@@ -266,7 +266,7 @@ mod tests {
     }
 
     /// Any run: each of these figures has a value, never came or does not apply.
-    fn any_run() -> impl Strategy<Value = Measured> {
+    pub(crate) fn any_run() -> impl Strategy<Value = Measured> {
         let keys = [
             "collisions",
             "crashes",
