@@ -115,33 +115,30 @@ impl Topic {
     /// Parses a key relative to the swarm's branch; `None` if it is not a key of Skein. Every topic has one key only:
     /// a number with a plus sign or leading zeros is refused.
     pub fn parse(key: &str) -> Option<Self> {
-        let mut parts = key.split('/');
-        let topic = match parts.next()? {
-            "order" => Self::Order(number(parts.next()?)?),
-            "vehicle" => {
-                let id = number(parts.next()?)?;
-                match parts.next()? {
-                    "alive" => Self::Alive(id),
-                    "health" => Self::Health(id),
-                    "mission" => Self::Mission(id),
-                    "event" => Self::Event(id),
-                    "trace" => Self::Trace(id),
-                    "summary" => Self::Summary(id),
-                    "clock" => Self::Clock(id),
-                    "cell" => {
-                        let cell = Cell { x: number(parts.next()?)?, y: number(parts.next()?)? };
-                        match parts.next()? {
-                            "state" => Self::State(id, cell),
-                            "intent" => Self::Intent(id, cell),
-                            _ => return None,
-                        }
-                    }
+        let Some(rest) = key.strip_prefix("vehicle/") else {
+            return number(key.strip_prefix("order/")?).map(Self::Order);
+        };
+        let (id, rest) = rest.split_once('/')?;
+        let id = number(id)?;
+        Some(match rest {
+            "alive" => Self::Alive(id),
+            "health" => Self::Health(id),
+            "mission" => Self::Mission(id),
+            "event" => Self::Event(id),
+            "trace" => Self::Trace(id),
+            "summary" => Self::Summary(id),
+            "clock" => Self::Clock(id),
+            _ => {
+                let (x, rest) = rest.strip_prefix("cell/")?.split_once('/')?;
+                let (y, what) = rest.split_once('/')?;
+                let cell = Cell { x: number(x)?, y: number(y)? };
+                match what {
+                    "state" => Self::State(id, cell),
+                    "intent" => Self::Intent(id, cell),
                     _ => return None,
                 }
             }
-            _ => return None,
-        };
-        parts.next().is_none().then_some(topic)
+        })
     }
 
     /// The only sender that may publish under this key.

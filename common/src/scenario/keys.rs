@@ -72,18 +72,10 @@ const COUNT: usize = {
     count
 };
 
-/// A key of earlier versions. A file that still has it is refused with the reason.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Removed {
-    /// Path of the removed key.
-    pub(super) path: &'static str,
-    /// Why the key was removed, or what replaces it.
-    pub(super) reason: &'static str,
-}
-
-/// Keys of earlier versions, which were removed.
-pub(super) const REMOVED: &[Removed] =
-    &[Removed { path: "network.state_json_hz", reason: "the state for people will be published as `summary`" }];
+/// Keys of earlier versions, each with why it was removed, or what replaces it. A file that still has one is refused with
+/// that reason.
+pub(super) const REMOVED: &[(&str, &str)] =
+    &[("network.state_json_hz", "the state for people will be published as `summary`")];
 
 impl Key {
     /// Default under `preset = "paper"`, if it differs: the preset's own, or one that depends on another key of the

@@ -178,13 +178,13 @@ impl Texts<'_> {
     /// The error for an unknown key. It names the reason if the key was removed, or else the most similar key, or else
     /// all keys of the table.
     pub(super) fn unknown(&self, place: &Place, path: &str) -> ScenarioError {
-        let removed = REMOVED.iter().find(|removed| self.kind == FileKind::Scenario && removed.path == path);
-        if let Some(removed) = removed {
+        let removed = REMOVED.iter().find(|(removed, _)| self.kind == FileKind::Scenario && *removed == path);
+        if let Some((_, reason)) = removed {
             let help = match place {
                 Place::File(_) => "remove the line",
                 Place::Set(_) => "leave this `--set` out",
             };
-            let message = format!("`{path}` was removed: {}", removed.reason);
+            let message = format!("`{path}` was removed: {reason}");
             return ScenarioError { help: Some(help.into()), ..self.fault(place, path, message) };
         }
         let nearest = keys::nearest(self.keys, path).map(|nearest| format!("did you mean `{nearest}`?"));

@@ -133,8 +133,7 @@ impl Worlds {
         mut observations: PyReadwriteArray3<'_, f64>,
         mut truths: Truths<'_>,
     ) -> PyResult<()> {
-        let arrays = Arrays::of(&mut observations, &mut truths)?;
-        self.fly(py, arrays, |batch, actors| batch.begin(&seeds, actors))
+        self.fly(py, &mut observations, &mut truths, |batch, actors| batch.begin(&seeds, actors))
     }
 
     /// Flies all worlds for one step with these actions, and fills the arrays.
@@ -158,8 +157,8 @@ impl Worlds {
                     .for_each(|(actor, its)| actor.actions.copy_from_slice(its));
             }
         }
-        let (arrays, ticks) = (Arrays::of(&mut observations, &mut truths)?, self.ticks);
-        self.fly(py, arrays, |batch, actors| batch.tick(ticks, actors))
+        let ticks = self.ticks;
+        self.fly(py, &mut observations, &mut truths, |batch, actors| batch.tick(ticks, actors))
     }
 
     /// Ends the flight of this world and gives its figures as JSON, as in `metrics.json`; `None` before it begins.
@@ -169,64 +168,48 @@ impl Worlds {
     }
 }
 
-/// All arrays, flat.
-struct Arrays<'a> {
-    observations: &'a mut [f64],
-    positions: &'a mut [f64],
-    velocities: &'a mut [f64],
-    separations: &'a mut [f64],
-    crashed: &'a mut [bool],
-    terminated: &'a mut [bool],
-    truncated: &'a mut [bool],
-}
-
-impl<'a> Arrays<'a> {
-    fn of(observations: &'a mut PyReadwriteArray3<'_, f64>, truths: &'a mut Truths<'_>) -> PyResult<Self> {
-        Ok(Self {
-            observations: observations.as_slice_mut()?,
-            positions: truths.position_ned_m.as_slice_mut()?,
-            velocities: truths.velocity_ned_m_s.as_slice_mut()?,
-            separations: truths.separation_m.as_slice_mut()?,
-            crashed: truths.crashed.as_slice_mut()?,
-            terminated: truths.terminated.as_slice_mut()?,
-            truncated: truths.truncated.as_slice_mut()?,
-        })
-    }
-}
-
 impl Worlds {
     /// Flies without the interpreter's lock, and fills the arrays.
     fn fly(
         &mut self,
         py: Python<'_>,
-        mut arrays: Arrays<'_>,
+        observations: &mut PyReadwriteArray3<'_, f64>,
+        truths: &mut Truths<'_>,
         fly: impl FnOnce(&mut Batch, &mut [Actor]) -> Result<(), StudyError> + Send,
     ) -> PyResult<()> {
+        let room = Room {
+            observations: observations.as_slice_mut()?,
+            positions: truths.position_ned_m.as_slice_mut()?,
+            velocities: truths.velocity_ned_m_s.as_slice_mut()?,
+            separations: truths.separation_m.as_slice_mut()?,
+            crashed: truths.crashed.as_slice_mut()?,
+        };
+        let over = [truths.terminated.as_slice_mut()?, truths.truncated.as_slice_mut()?];
         let flown = py.detach(|| {
             fly(batch(&mut self.batch), &mut self.actors)?;
-            self.fill(&mut arrays);
+            self.fill(room, over);
             Ok(())
         });
         flown.map_err(|error: StudyError| refused(py, error))
     }
 
     /// Fills the arrays from the present state of every world.
-    fn fill(&mut self, arrays: &mut Arrays<'_>) {
+    fn fill(&mut self, room: Room<'_>, [terminated, truncated]: [&mut [bool]; 2]) {
         let (vehicles, features) = (self.vehicles, features(self.action, self.neighbours));
         let batch = batch(&mut self.batch);
         let steps = &batch.study.scenario.mission.steps;
         let goals: Vec<(f64, f64)> =
             steps.iter().map(|step| (step.formation.altitude_m, step.formation.radius_m)).collect();
-        let worlds = arrays
+        let worlds = room
             .observations
             .chunks_exact_mut(vehicles * features)
-            .zip(arrays.positions.chunks_exact_mut(vehicles * 3))
-            .zip(arrays.velocities.chunks_exact_mut(vehicles * 3))
-            .zip(arrays.separations.chunks_exact_mut(vehicles))
-            .zip(arrays.crashed.chunks_exact_mut(vehicles))
+            .zip(room.positions.chunks_exact_mut(vehicles * 3))
+            .zip(room.velocities.chunks_exact_mut(vehicles * 3))
+            .zip(room.separations.chunks_exact_mut(vehicles))
+            .zip(room.crashed.chunks_exact_mut(vehicles))
             .enumerate();
         for (nth, ((((observations, positions), velocities), separations), crashed)) in worlds {
-            [arrays.terminated[nth], arrays.truncated[nth]] = batch.is_over(nth);
+            [terminated[nth], truncated[nth]] = batch.is_over(nth);
             let Some((world, metrics)) = batch.world(nth) else { continue };
             let room = Room { observations, positions, velocities, separations, crashed };
             let look = Look { goals: &goals, queries: &self.actors[nth].queries, neighbours: self.neighbours };

@@ -17,6 +17,7 @@ use skein_lab::external::{LawMaker, LocalLaws};
 const MAX_NUMBER: f64 = 1e9;
 
 /// The laws of a study, which are objects of one Python class.
+#[derive(Clone)]
 pub(crate) struct LawsInPython {
     /// Makes a law from the contents of a hello.
     make: Arc<Py<PyAny>>,
@@ -39,11 +40,8 @@ impl LawsInPython {
 
     /// Makes the laws of each run.
     pub(crate) fn maker(&self) -> LawMaker {
-        let (make, ask, raised) = (self.make.clone(), self.ask.clone(), self.raised.clone());
-        LawMaker::new(move || {
-            let (make, ask, raised) = (make.clone(), ask.clone(), raised.clone());
-            Box::new(LawsOfRun { make, ask, raised, laws: Vec::new() })
-        })
+        let of = self.clone();
+        LawMaker::new(move || Box::new(LawsOfRun { of: of.clone(), laws: Vec::new() }))
     }
 
     /// Takes the first exception that a law has raised.
@@ -54,9 +52,7 @@ impl LawsInPython {
 
 /// One object for each vehicle of a run.
 struct LawsOfRun {
-    make: Arc<Py<PyAny>>,
-    ask: Arc<Py<PyAny>>,
-    raised: Arc<Mutex<Option<PyErr>>>,
+    of: LawsInPython,
     laws: Vec<(VehicleId, Py<PyAny>)>,
 }
 
@@ -72,7 +68,7 @@ impl LawsOfRun {
         Python::attach(|py| {
             call(py).map_err(|error| {
                 let text = error.to_string();
-                self.raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+                self.of.raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
                 text
             })
         })
@@ -82,7 +78,7 @@ impl LawsOfRun {
 impl LocalLaws for LawsOfRun {
     fn begin(&mut self, hello: &Hello) -> Result<(), String> {
         let text = serde_json::to_string(hello).map_err(|error| error.to_string())?;
-        let law = self.call(|py| self.make.call1(py, (text,)))?;
+        let law = self.call(|py| self.of.make.call1(py, (text,)))?;
         self.laws.retain(|(id, _)| *id != hello.vehicle);
         self.laws.push((hello.vehicle, law));
         Ok(())
@@ -92,7 +88,7 @@ impl LocalLaws for LawsOfRun {
         let law = self.laws.iter().find(|(id, _)| *id == query.vehicle).map(|(_, law)| law);
         let law = law.ok_or_else(|| "it has not begun".to_owned())?;
         self.call(|py| {
-            let answer = self.ask.call1(py, (law, parts_of(py, query)?))?;
+            let answer = self.of.ask.call1(py, (law, parts_of(py, query)?))?;
             reply(query, &answer.extract(py)?)
         })
     }

@@ -58,7 +58,7 @@ impl Graph {
             one.fresh.contains(other.id) && other.fresh.contains(one.id)
         };
         components.find(count, joined);
-        let sizes = components.sizes();
+        let sizes = &components.sizes;
         self.union.add((count - sizes.len()) as f64 / (count - 1) as f64);
         self.connected.add(f64::from(sizes.len() == 1));
         self.disconnected.add(sizes.iter().filter(|&&size| size == 1).count() as f64);
@@ -78,7 +78,8 @@ impl Graph {
 pub(crate) struct Components {
     /// The nodes, those of one component together.
     nodes: Vec<usize>,
-    sizes: Vec<usize>,
+    /// Number of nodes of each component.
+    pub(crate) sizes: Vec<usize>,
 }
 
 impl Components {
@@ -106,11 +107,6 @@ impl Components {
             sizes.push(reached - first);
             first = reached;
         }
-    }
-
-    /// Number of nodes of each component.
-    pub(crate) fn sizes(&self) -> &[usize] {
-        &self.sizes
     }
 
     /// Mean over the nodes of the mean cosine between the own direction and those of all others in the component.

@@ -64,7 +64,7 @@ pub struct Channels<S> {
     /// The formation that was drawn last.
     drawn: Option<Formation>,
     /// Number of steps that were refused because of impossible values.
-    refused: u64,
+    pub refused: u64,
     bytes: Vec<u8>,
 }
 
@@ -199,11 +199,6 @@ impl<S: Sink> Channels<S> {
     pub fn note(&mut self, log_time_ns: u64, severity: Severity, who: String, what: String) {
         let line = || scene::line(scene::timestamp(log_time_ns), severity, who, what);
         self.put_foxglove(format::LOG, log_time_ns, line);
-    }
-
-    /// Number of steps that were refused because of impossible values.
-    pub fn refused(&self) -> u64 {
-        self.refused
     }
 
     /// Draws the centre by the estimate of the active member with the lowest id, and the formation there when it

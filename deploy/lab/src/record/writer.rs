@@ -92,7 +92,7 @@ impl<W: Write + Seek> Writer<W> {
     /// # Errors
     /// The first error since the beginning.
     pub fn finish(mut self, dropped: u64) -> Result<W, RecordError> {
-        let refused = self.refused();
+        let refused = self.refused;
         self.write_metadata_record(format::RECORDER, &[("refused_steps", refused), ("dropped", dropped)]);
         let mut file = self.sink;
         file.attempt(|mcap| mcap.finish().map(|_| ()));

@@ -14,10 +14,8 @@ use crate::metrics::{AIRBORNE_ABOVE_M, COLLISION_M, CrashDetector, Measured, Run
 use crate::recording::{Lacks, NotedKind, Recording, Track};
 use crate::study::{self, rounded};
 
-/// Most reports of vehicles that a verdict lists.
-const MOST_REPORTS: usize = 12;
-/// Most faults that a verdict lists.
-const MOST_FAULTS: usize = 12;
+/// Most faults, and most reports of vehicles, that a verdict lists.
+const MOST_LISTED: usize = 12;
 /// Reports of several vehicles within this time are one, s.
 const TOGETHER_S: f64 = 5.0;
 /// The last fault before a collision or a crash is named as what preceded it if it is not older than this, s.
@@ -51,13 +49,12 @@ pub fn of_flight(recording: &Recording, measured: Option<&Measured>) -> Vec<Line
         }
         None => {
             let nothing = collisions.is_empty() && crashes.is_empty();
-            // Of a flight whose end is unknown, nothing good is known.
-            if nothing && recording.lacks.end {
-                lines.push(plain("Until then it shows no collision and no crash."));
-                return lines.into_iter().chain(injected(recording)).chain(reported(recording)).collect();
-            }
-            let text = if nothing { "The recording shows no collision and no crash." } else { "This flight failed." };
-            lines.push(judged(nothing, text));
+            lines.push(match nothing {
+                // Of a flight whose end is unknown, nothing good is known.
+                true if recording.lacks.end => plain("Until then it shows no collision and no crash."),
+                true => judged(true, "The recording shows no collision and no crash."),
+                false => judged(false, "This flight failed."),
+            });
         }
     }
     lines.extend(collisions);
@@ -258,12 +255,8 @@ fn short(fault: &InjectedFault) -> String {
 /// A line with the faults that were injected, and the orders that were given.
 fn injected(recording: &Recording) -> Option<Line> {
     let marks = super::flight::injected(recording);
-    let text = |(t_s, text): &(f64, String)| format!("{text} at {t_s:.0} s");
-    let mut texts: Vec<String> = marks.iter().take(MOST_FAULTS).map(text).collect();
-    if marks.len() > MOST_FAULTS {
-        texts.push(format!("{} more", marks.len() - MOST_FAULTS));
-    }
-    (!texts.is_empty()).then(|| plain(format!("Injected faults and orders: {}.", texts.join("; "))))
+    let texts = marks.iter().map(|(t_s, text)| format!("{text} at {t_s:.0} s"));
+    listed("Injected faults and orders", texts.collect())
 }
 
 /// A line with what vehicles reported of failures and of losses.
@@ -281,12 +274,16 @@ fn reported(recording: &Recording) -> Option<Line> {
             None => reports.push((noted.t_s, [*id].into_iter().collect(), text)),
         }
     }
-    let line = |(t_s, vehicles, text): &(f64, VehicleSet, String)| format!("{vehicles} at {t_s:.0} s: {text}");
-    let mut lines: Vec<String> = reports.iter().take(MOST_REPORTS).map(line).collect();
-    if reports.len() > MOST_REPORTS {
-        lines.push(format!("{} more", reports.len() - MOST_REPORTS));
-    }
-    (!lines.is_empty()).then(|| plain(format!("Reported by vehicles: {}.", lines.join("; "))))
+    let texts = reports.iter().map(|(t_s, vehicles, text)| format!("{vehicles} at {t_s:.0} s: {text}"));
+    listed("Reported by vehicles", texts.collect())
+}
+
+/// A line with the first of these texts and how many more there are; `None` without any.
+fn listed(what: &str, mut texts: Vec<String>) -> Option<Line> {
+    let more = texts.len().saturating_sub(MOST_LISTED);
+    texts.truncate(MOST_LISTED);
+    texts.extend((more > 0).then(|| format!("{more} more")));
+    (!texts.is_empty()).then(|| plain(format!("{what}: {}.", texts.join("; "))))
 }
 
 /// The verdict on one run of which there is no recording.

@@ -117,7 +117,7 @@ impl FleetFlight {
             self.round(threads);
         }
         let wall_s = now().duration_since(started).as_secs_f64();
-        let flown_s = self.teams.first().map_or(0.0, |team| team.world().t_s());
+        let flown_s = self.teams.first().map_or(0.0, |team| team.flight.world.t_s());
         let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
         let window_s = self.ticks as f64 * TICK_S;
         let recorded = self.recorded.and_then(|()| self.recorder.map_or(Ok(()), |recorder| recorder.finish(window_s)));
@@ -132,8 +132,8 @@ impl FleetFlight {
     /// Whether no round follows.
     fn is_over(&mut self) -> Result<bool, StudyError> {
         if self.zero_s.is_none() {
-            let t_s = self.teams.first().map_or(0.0, |team| team.world().t_s());
-            if self.teams.iter().all(|team| team.world().all_active()) {
+            let t_s = self.teams.first().map_or(0.0, |team| team.flight.world.t_s());
+            if self.teams.iter().all(|team| team.flight.world.all_active()) {
                 self.zero_s = Some(t_s);
             } else if t_s > JOIN_LIMIT_S {
                 return Err(StudyError::NeverActive);

@@ -39,7 +39,7 @@ pub(super) fn features(action: Action, neighbours: usize) -> usize {
     OWN.len() + attitude + neighbours * NEIGHBOUR.len()
 }
 
-/// Flat parts of the arrays that belong to one world.
+/// Flat arrays of all worlds, or their parts that belong to one.
 pub(super) struct Room<'a> {
     pub(super) observations: &'a mut [f64],
     pub(super) positions: &'a mut [f64],

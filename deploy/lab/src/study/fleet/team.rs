@@ -22,14 +22,13 @@ use crate::metrics::across::Airborne;
 use crate::metrics::{AIRBORNE_ABOVE_M, Report, Run, VehicleTraffic, Wall};
 use crate::record::{self, RecordError, RecordingInfo, TeamPlaces, VehiclePlace, Writer, log_time_ns};
 use crate::recording::{NotedKind, Watch};
-use crate::world::World;
 
 /// A team in the air.
 pub(super) struct Team {
     id: TeamId,
     /// Origin of its frame.
     origin: Origin,
-    flight: SeedFlight,
+    pub(super) flight: SeedFlight,
     /// The times in which the team receives nothing from other teams, s after its take-off. The flag states whether the
     /// other teams receive nothing from it either.
     isolated: Vec<(Range<f64>, bool)>,
@@ -228,20 +227,15 @@ impl Team {
             let in_fleet = fleet.ned_from_geodetic(&self.origin.geodetic_from_ned(truth.position));
             VehiclePlace::new(id, agent.at_step(), in_fleet, truth.position.altitude_m(), agent.in_place_s().is_some())
         };
-        let world = self.world();
+        let world = &self.flight.world;
         let vehicles = world.vehicles().filter(|(_, _, truth, _)| truth.position.is_finite()).map(place).collect();
         let t_s = world.t_s() - zero_s;
         writer.places(log_time_ns(0, t_s), &TeamPlaces { team: self.id, t_s, vehicles });
     }
 
-    /// The team's world.
-    pub(super) fn world(&self) -> &World {
-        &self.flight.world
-    }
-
     /// Whether the mission has ended except for the landing, or no agent runs.
     pub(super) fn has_finished(&self) -> bool {
-        self.world().has_finished() || self.world().vehicles().next().is_none()
+        self.flight.world.has_finished() || self.flight.world.vehicles().next().is_none()
     }
 
     /// The cells in which the vehicles are.
@@ -253,7 +247,7 @@ impl Team {
     pub(super) fn report(mut self, wall: Wall) -> (TeamReport, Result<(), RecordError>) {
         let report = self.flight.figures(wall);
         let recorded = self.recorder.take().map_or(Ok(()), |(file, _)| file.finish(report.duration_s));
-        let (world, totals) = (self.world(), self.world().totals());
+        let (world, totals) = (&self.flight.world, self.flight.world.totals());
         let (heartbeats, heartbeat_bytes) = world.heartbeats_sent();
         // Each message of a vehicle reaches all others of the team.
         let per_s = |count: u64| {
@@ -268,6 +262,6 @@ impl Team {
     /// Whether an event isolates the team now; with `both_ways` only an event that withholds its states from the others.
     fn is_isolated(&self, both_ways: bool) -> bool {
         let is_now = |t_s: f64| self.isolated.iter().any(|(lasts, both)| lasts.contains(&t_s) && (*both || !both_ways));
-        !self.isolated.is_empty() && self.world().since_take_off_s().is_some_and(is_now)
+        !self.isolated.is_empty() && self.flight.world.since_take_off_s().is_some_and(is_now)
     }
 }
