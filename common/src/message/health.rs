@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{ClockOffset, Failure, Header, Message, SimulatorFault, message};
+use super::{ClockOffset, Failure, Header, Message, ShortText, SimulatorFault, message};
 use crate::id::VehicleId;
 use crate::state::{Activity, PeerStatus};
 use crate::topic::{Author, Topic};
@@ -130,16 +130,12 @@ impl Refused {
 
     /// Makes a key safe to show: cut to [`Self::MAX_KEY`] bytes of printable ASCII, because the sender may be hostile.
     pub fn printable(key: &str) -> String {
-        let printable = |c: char| if Self::is_printable(c) { c } else { '?' };
+        let printable = |c: char| if ShortText::is_shown(c) { c } else { '?' };
         key.chars().take(Self::MAX_KEY).map(printable).collect()
     }
 
-    fn is_printable(c: char) -> bool {
-        c == ' ' || c.is_ascii_graphic()
-    }
-
     fn is_plausible(&self) -> bool {
-        self.key.len() <= Self::MAX_KEY && self.key.chars().all(Self::is_printable)
+        self.key.len() <= Self::MAX_KEY && self.key.chars().all(ShortText::is_shown)
     }
 }
 

@@ -138,7 +138,7 @@ impl ShortText {
         &self.0
     }
 
-    fn is_shown(c: char) -> bool {
+    pub(super) fn is_shown(c: char) -> bool {
         c == ' ' || c.is_ascii_graphic()
     }
 

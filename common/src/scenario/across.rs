@@ -93,6 +93,13 @@ impl Check<'_> {
         if is_wrong { Err(self.fault(paths, message())) } else { Ok(()) }
     }
 
+    /// The error for the fault of this event, which does not fit the value of another key.
+    fn fault_refused(&self, index: usize, other: &str, why: &str) -> ScenarioError {
+        let (event, path) = (format!("mission.events[{index}]"), format!("mission.events[{index}].fault"));
+        let fault = self.written.at(&path).map(Node::plain).unwrap_or(false.into());
+        self.fault(&[&path, other], format!("`{event}`: fault = {fault} {why}"))
+    }
+
     fn formations(&self) -> Result<(), ScenarioError> {
         self.formation(&self.scenario.formation, None)?;
         for (index, step) in self.scenario.mission.steps.iter().enumerate() {
@@ -182,16 +189,14 @@ impl Check<'_> {
             })?;
         }
         for (index, event) in mission.events.iter().enumerate() {
-            let (fault, part) = match &event.what {
-                EventAction::Fault(Fault::EngineOut { .. }) => ("engine_out", "engine"),
-                EventAction::Fault(Fault::ServoStuck { .. }) => ("servo_stuck", "servos"),
-                EventAction::Fault(Fault::GyroOff { .. }) => ("gyro_off", "gyro"),
+            let part = match &event.what {
+                EventAction::Fault(Fault::EngineOut { .. }) => "engine",
+                EventAction::Fault(Fault::ServoStuck { .. }) => "servos",
+                EventAction::Fault(Fault::GyroOff { .. }) => "gyro",
                 _ => continue,
             };
-            let path = format!("mission.events[{index}]");
-            let message =
-                format!("`{path}`: fault = \"{fault}\" has no effect under {point_mass}, which has no {part}");
-            return Err(self.fault(&[&format!("{path}.fault"), "plant.model"], message));
+            let why = format!("has no effect under {point_mass}, which has no {part}");
+            return Err(self.fault_refused(index, "plant.model", &why));
         }
         Ok(())
     }
@@ -437,28 +442,22 @@ impl Check<'_> {
             )
         })?;
         for (index, event) in self.scenario.mission.events.iter().enumerate() {
-            let (fault, why) = match &event.what {
+            let why = match &event.what {
                 EventAction::Fault(Fault::KillControl) if !is_central => {
-                    ("kill_control", "needs `control.mode` = \"central\": this swarm has no central controller")
+                    "needs `control.mode` = \"central\": this swarm has no central controller"
                 }
                 EventAction::Fault(Fault::Kill { .. }) if is_central => {
-                    ("kill", "has no effect under `control.mode` = \"central\": use \"kill_control\"")
+                    "has no effect under `control.mode` = \"central\": use \"kill_control\""
                 }
-                EventAction::Fault(Fault::ClockJump { .. }) if is_central => (
-                    "clock_jump",
-                    "has no effect under `control.mode` = \"central\": no vehicle has a clock of its own",
-                ),
-                EventAction::Fault(Fault::Cut { .. }) if is_central => {
-                    ("cut", "has no effect under `control.mode` = \"central\": vehicles send each other nothing")
+                EventAction::Fault(Fault::ClockJump { .. }) if is_central => {
+                    "has no effect under `control.mode` = \"central\": no vehicle has a clock of its own"
                 }
-                EventAction::Fault(Fault::Delay { .. }) if is_central => {
-                    ("delay", "has no effect under `control.mode` = \"central\": vehicles send each other nothing")
+                EventAction::Fault(Fault::Cut { .. } | Fault::Delay { .. }) if is_central => {
+                    "has no effect under `control.mode` = \"central\": vehicles send each other nothing"
                 }
                 _ => continue,
             };
-            let path = format!("mission.events[{index}]");
-            let message = format!("`{path}`: fault = \"{fault}\" {why}");
-            return Err(self.fault(&[&format!("{path}.fault"), "control.mode"], message));
+            return Err(self.fault_refused(index, "control.mode", why));
         }
         Ok(())
     }
