@@ -405,7 +405,7 @@ impl Fit {
         self.stage = match &self.stage {
             Stage::Watching(_) => Stage::Answering(Answering::default()),
             Stage::Answering(answering) => {
-                Stage::Lifting(Lifting::new(flying(&self.found, &self.rules), answering.collective()))
+                Stage::Lifting(Lifting::new(flying(&self.found, &self.rules), answering.collective))
             }
             Stage::Lifting(_) => Stage::Hovering(Hovering::new(flying(&self.found, &self.rules))),
             Stage::Hovering(_) => Stage::Responding(Responding::new(flying(&self.found, &self.rules))),

@@ -95,6 +95,7 @@ fn fleet_to_toml(first: &Loaded, teams: &[Loaded]) -> String {
         places.join(", ")
     );
     let common = first.values();
+    // Teams with the same changes share a table.
     let mut changed: Vec<(Vec<String>, Vec<usize>)> = Vec::new();
     for (nth, team) in teams.iter().enumerate() {
         let own = written(team).values();

@@ -39,6 +39,7 @@ use flight::{SeedFlight, fly_side_by_side};
 pub use planned::{FlownStudy, Progress, fly_planned};
 pub use recorded::record_run;
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
+pub(crate) use table::median_and_worst;
 pub use table::rounded;
 #[cfg(test)]
 pub(crate) use verdict::tests::any_run;

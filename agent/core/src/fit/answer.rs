@@ -33,7 +33,8 @@ const AXES: [Axis; 3] = [Axis::Roll, Axis::Pitch, Axis::Yaw];
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Answering {
-    collective: f64,
+    /// The collective, in the end the one at which all controls had answered.
+    pub(super) collective: f64,
     /// Direction of each of `AXES`, once it is known.
     directions: [Option<f64>; 3],
     /// The axis being tried, and the part of its round: one side, the other, the first again.
@@ -46,11 +47,6 @@ pub(super) struct Answering {
 }
 
 impl Answering {
-    /// The collective at which all controls had answered.
-    pub(super) fn collective(&self) -> f64 {
-        self.collective
-    }
-
     pub(super) fn step(&mut self, dt_s: f64, estimate: &Estimate, found: &mut Fitted) -> Verdict {
         let unknown = self.directions.iter().position(Option::is_none);
         let Some(unknown) = unknown else {

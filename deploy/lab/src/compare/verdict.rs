@@ -62,6 +62,7 @@ impl Compared {
     pub fn new(key: &'static str, pairs: &[Pair<'_>]) -> Option<Self> {
         let (key, direction) = figures::judged().find(|(known, _)| *known == key)?;
         let outcome = |run: usize, pair: &Pair<'_>| pair[run].measured.outcome(key);
+        // The pairs of runs that both have the figure.
         let both = pairs.iter().filter_map(|pair| Some((pair, [outcome(0, pair)?, outcome(1, pair)?])));
         let (applies, outcomes): (Vec<&Pair<'_>>, Vec<[Outcome; 2]>) = both.unzip();
         if applies.is_empty() {

@@ -107,6 +107,7 @@ type Trails = BTreeMap<(TeamId, VehicleId), Vec<[f64; 2]>>;
 
 /// The last places of the vehicles whose agents ended before the others of their team.
 fn ended(places: &[TeamPlaces]) -> BTreeMap<(TeamId, VehicleId), [f64; 2]> {
+    // The last time of each team, and the last time and place of each vehicle.
     let mut team_s: BTreeMap<TeamId, f64> = BTreeMap::new();
     let mut last: BTreeMap<(TeamId, VehicleId), (f64, [f64; 2])> = BTreeMap::new();
     for places in places {

@@ -9,7 +9,7 @@ use crate::compare::folder::{Flown, Folder};
 use crate::error::Error;
 use crate::metrics::{Measured, Outcome, figures, worst_and_median};
 use crate::record;
-use crate::study::{self, Summary, rounded};
+use crate::study::{self, Summary};
 
 /// Figures that are drawn, the most important first: the first [`MOST_PANELS`] of those that vary.
 const DRAWN: [&str; 25] = [
@@ -205,12 +205,7 @@ fn of_points(swept: &[String], points: &[PointRuns<'_>]) -> Part {
     let keys: Vec<&str> = drawn(points);
     let keys: Vec<&str> = keys.into_iter().take(6).collect();
     let cell = |point: &PointRuns<'_>, key: &str| {
-        let Some(figure) = point.summary.get(key) else { return "–".to_owned() };
-        let median = figure.median.map_or_else(|| "never".to_owned(), rounded);
-        match figure.worst.or(figure.max).filter(|_| figure.never == 0) {
-            Some(worst) => format!("{median} [{}]", rounded(worst)),
-            None => format!("{median} [{} never]", figure.never),
-        }
+        point.summary.get(key).map_or_else(|| "–".to_owned(), |figure| study::median_and_worst(key, figure))
     };
     let row = |point: &PointRuns<'_>| {
         let seed = worst_and_median(&point.measured()).map(|(worst, _)| worst.to_string()).unwrap_or_default();
@@ -307,6 +302,7 @@ fn lines(swept: &[String], points: &[PointRuns<'_>], subject: &str) -> Option<Dr
         values.dedup();
         (values.len() > 1).then_some(values)
     };
+    // The key with the most values, all of them numbers, becomes the axis; each combination of the others is a line.
     let over = (0..swept.len()).filter_map(|nth| Some((nth, choices(nth)?.len())));
     // Of keys with equally many values, the first.
     let (over, _) = over.rev().max_by_key(|(_, count)| *count)?;

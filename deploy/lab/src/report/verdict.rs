@@ -95,11 +95,15 @@ fn last_s(recording: &Recording) -> Option<f64> {
     recording.tracks.iter().filter_map(|track| track.steps.last()).map(|step| step.t_s).reduce(f64::max)
 }
 
+fn for_s(duration_s: Option<f64>) -> String {
+    duration_s.map_or_else(String::new, |duration_s| format!(" for {duration_s:.0} s"))
+}
+
 /// A sentence about what flew.
 fn what_flew(run: &Run, duration_s: Option<f64>) -> String {
     let vehicles = if run.vehicles == 1 { "1 vehicle".to_owned() } else { format!("{} vehicles", run.vehicles) };
     let time = if run.target == "study" { "virtual time" } else { "real time" };
-    let duration = duration_s.map_or_else(String::new, |duration_s| format!(" for {duration_s:.0} s"));
+    let duration = for_s(duration_s);
     format!("{vehicles} flew the scenario {} with the law {}{duration} in {time}.", run.scenario, run.law)
 }
 
@@ -293,10 +297,7 @@ pub(super) fn of_run(run: &Flown) -> Vec<Line> {
     let vehicles = run.scenario.get("swarm.vehicles").and_then(|count| count.parse().ok()).unwrap_or(0);
     let flew = Run { scenario: text("scenario"), law: text("law"), target: text("target"), vehicles, ..Run::default() };
     let flew = match run.measured.value("teams") {
-        Some(teams) => {
-            let duration = duration_s.map_or_else(String::new, |duration_s| format!(" for {duration_s:.0} s"));
-            format!("{teams} teams flew the fleet {}{duration}.", flew.scenario)
-        }
+        Some(teams) => format!("{teams} teams flew the fleet {}{}.", flew.scenario, for_s(duration_s)),
         None => what_flew(&flew, duration_s),
     };
     let mut lines = vec![plain(flew), result(&run.measured)];
@@ -325,6 +326,7 @@ pub(super) fn of_study(folder: &Folder) -> Vec<Line> {
         let text = format!("{} of {} runs: {achievements}.", good.len(), runs.len());
         lines.push(judged(failed.is_empty(), text));
     }
+    // The kinds of failures, in the order in which they first occur.
     let texts = failed.iter().flat_map(|run| study::failures(&run.measured));
     let mut kinds: Vec<&str> = Vec::new();
     texts.for_each(|text| {

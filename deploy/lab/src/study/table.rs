@@ -178,9 +178,10 @@ fn names(point: &Point) -> Vec<String> {
     keys.zip(&names).map(|(key, name)| if is_clear(name) { name.clone() } else { key.clone() }).collect()
 }
 
-fn median_and_worst(key: &str, figure: &FigureSummary) -> String {
+/// The median of a figure with its worst value, or with the number of runs in which it never came.
+pub(crate) fn median_and_worst(key: &str, figure: &FigureSummary) -> String {
     let median = figure.median.map_or_else(|| "never".to_owned(), |value| value_text(key, value));
-    match figure.worst.filter(|_| figure.never == 0) {
+    match figure.worst.or(figure.max).filter(|_| figure.never == 0) {
         Some(worst) => format!("{median} [{}]", value_text(key, worst)),
         None => format!("{median} [{} never]", figure.never),
     }

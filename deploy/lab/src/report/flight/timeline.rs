@@ -6,7 +6,7 @@ use skein_common::state::{Activity, Membership};
 
 use super::Flight;
 use super::marks::with_marks;
-use crate::recording::NotedKind;
+use crate::recording::{Noted, NotedKind};
 use crate::report::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape};
 
 /// Half the height of a bar, as a share of the distance between two rows.
@@ -95,27 +95,23 @@ fn bars(
 
 /// Markers of the events that vehicles reported of their mission.
 fn dots(flight: &Flight<'_>, row: &impl Fn(usize) -> f64) -> Vec<Item> {
-    let times_of = |is_shown: fn(&EventKind) -> bool| -> Vec<[f64; 2]> {
-        let noted = flight.recording.noted.iter().filter_map(|noted| match &noted.what {
-            NotedKind::Event(who, what) if is_shown(what) => Some((noted.t_s, *who)),
-            NotedKind::Event(..) | NotedKind::Fault(_) => None,
-        });
-        let place = |(t_s, who)| flight.index(who).map(|index| [t_s, row(index) - HALF]);
-        noted.filter_map(place).collect()
-    };
     let size_px = if flight.is_few() { 7.0 } else { 4.0 };
-    let item = |at: Vec<[f64; 2]>, marker, colour, name: &str| {
+    let item = |is_shown: fn(&EventKind) -> bool, marker, colour, name: &str| {
+        let place = |noted: &Noted| match &noted.what {
+            NotedKind::Event(who, what) if is_shown(what) => {
+                flight.index(*who).map(|index| [noted.t_s, row(index) - HALF])
+            }
+            NotedKind::Event(..) | NotedKind::Fault(_) => None,
+        };
+        let at: Vec<[f64; 2]> = flight.recording.noted.iter().filter_map(place).collect();
         (!at.is_empty()).then(|| Item::new(Shape::Dots { at, marker, size_px }, colour).in_legend(name))
     };
-    let reached = times_of(|what| matches!(what, EventKind::Reached(_)));
-    let forced = times_of(|what| matches!(what, EventKind::ForcedAdvance { .. }));
-    let skipped = times_of(|what| matches!(what, EventKind::Skipped { .. }));
-    let failed = times_of(|what| matches!(what, EventKind::Failed(_)));
+    let (down, up, red) = (Marker::Down, Marker::Triangle, Colour::VERMILLION);
     let items = [
-        item(reached, Marker::Circle, Colour::BLACK, "reached the step"),
-        item(forced, Marker::Down, Colour::VERMILLION, "left a step without a member"),
-        item(skipped, Marker::Triangle, Colour::BLUE, "carried forward"),
-        item(failed, Marker::Cross, Colour::VERMILLION, "reported a failure"),
+        item(|what| matches!(what, EventKind::Reached(_)), Marker::Circle, Colour::BLACK, "reached the step"),
+        item(|what| matches!(what, EventKind::ForcedAdvance { .. }), down, red, "left a step without a member"),
+        item(|what| matches!(what, EventKind::Skipped { .. }), up, Colour::BLUE, "carried forward"),
+        item(|what| matches!(what, EventKind::Failed(_)), Marker::Cross, red, "reported a failure"),
     ];
     items.into_iter().flatten().collect()
 }
