@@ -1,13 +1,4 @@
-//! The agent of one vehicle: [`Agent::step`] runs the control loop once.
-//!
-//! ```text
-//!                        Agent::step(now, inputs) -> outputs
-//!   +----------------------------------------------------------------------------------------------+
-//!   |  estimate -> diagnosis -> peers -> mission -> formation -> control -> outbox                  |
-//!   +----^-----------------------^--------------------------------------|-------------------|-------+
-//!        | measurement           | messages                             | controls          | messages
-//!      plant                  peer agents                             plant             peer agents
-//! ```
+//! The agent of one vehicle: [`Agent::step`] runs the control loop once, through the stages in the diagram of [`crate`].
 //!
 //! A step without a new measurement receives and sends messages but decides nothing: the mission gives no task, and
 //! without a task there is neither a setpoint nor a new command.
@@ -36,7 +27,7 @@ use crate::formation::external::{External, LawQuery, LawReply};
 use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario, Workspace};
 use crate::intent::{Intents, ReceivedIntent};
 use crate::mission::{Mission, Task, View};
-use crate::outbox::{Outbox, PeersReport, SendSchedule};
+use crate::outbox::{Outbox, SendSchedule};
 use crate::pace::Pace;
 use crate::peers::{Broadcast, Change, PeerEstimate, PeerStateAge, Peers, Received};
 use crate::plant::{Command, Measurement, PeerPose, PlantStatus};
@@ -460,10 +451,10 @@ impl Agent {
         let (estimate, task) = own.new.as_ref().zip(task)?;
         let was_in_place_s = self.last.in_place_s.take();
         let strangers_reach_m = self.formation.strangers_reach_m(task);
-        self.formation.set_strangers(self.strangers.near(estimate.position, strangers_reach_m));
+        let strangers = self.strangers.near(estimate.position, strangers_reach_m);
         let reach_m = self.formation.reach_m(task, self.peers.members().len() + 1);
         let others = self.peers.near(estimate.position, reach_m);
-        self.last.output = self.formation.step(own.dt_s, estimate, others, task, workspace);
+        self.last.output = self.formation.step(own.dt_s, estimate, (others, strangers), task, workspace);
         let flies = self.mission.activity == Activity::Formation;
         let is_in_place = flies && self.last.output.is_some_and(|output| output.in_place);
         self.last.in_place_s = is_in_place.then(|| was_in_place_s.map_or(0.0, |before_s| before_s + own.dt_s));
@@ -519,7 +510,7 @@ impl Agent {
             Response::LetGo => own.estimate.map(|last| Estimate { velocity: VelocityNed::default(), ..last }),
             _ => own.estimate,
         };
-        let peers = |stamp| PeersReport { echo: self.peers.echo(stamp), lost: self.peers.lost() };
+        let peers = |stamp| (self.peers.echo(stamp), self.peers.lost());
         let outbox = self.schedule.outbox(own.now.local, estimate.as_ref(), &self.mission, events, peers);
         let at = self.mission.at();
         let due = |intents: &mut Box<Intents>| intents.due(own.now.local, at);

@@ -141,7 +141,6 @@ pub struct Formation {
     waits_at_ne_m: Option<Vector2<f64>>,
     /// All other live members.
     members: VehicleSet,
-    strangers: Vec<MovingObstacle>,
     is_restrained: bool,
     activations: u64,
 }
@@ -151,7 +150,7 @@ pub struct Formation {
 pub struct Workspace {
     neighbours: Vec<Neighbour>,
     obstacles: Vec<Obstacle>,
-    /// Those of the obstacles that move: position, velocity, uncertainty of the position, m.
+    /// The strangers, and those of the obstacles that move: position, velocity, uncertainty of the position, m.
     moving: Vec<(PositionNed, VelocityNed, f64)>,
     constraints: Vec<Constraint>,
 }
@@ -187,7 +186,7 @@ impl Shape {
             law,
             is_external: settings.law == scenario::Law::External,
             reach: None,
-            conversion: conversion(settings),
+            conversion: Conversion::of(settings),
             filter,
             altitude_m: settings.altitude_m,
             vertical: settings.vertical,
@@ -233,7 +232,6 @@ impl Formation {
             step: 0,
             waits_at_ne_m: None,
             members: VehicleSet::default(),
-            strangers: Vec::new(),
             is_restrained: false,
             activations: 0,
         })
@@ -305,22 +303,18 @@ impl Formation {
         self.filter.map_or(0.0, |filter| filter.reach_m(closing_m_s / 2.0, filter.distance_m))
     }
 
-    /// Sets the strangers near this vehicle for the next step.
-    pub fn set_strangers(&mut self, strangers: impl Iterator<Item = MovingObstacle>) {
-        self.strangers.clear();
-        self.strangers.extend(strangers);
-    }
-
-    /// The formation's output `dt_s` after the last step; `None` if the task does not use the vehicle controller's
-    /// setpoint.
+    /// The formation's output `dt_s` after the last step, with these peers and strangers near this vehicle; `None` if the task
+    /// does not use the vehicle controller's setpoint.
     pub fn step(
         &mut self,
         dt_s: f64,
         estimate: &Estimate,
-        others: PeerSummary<impl Iterator<Item = PeerEstimate>>,
+        (others, strangers): (PeerSummary<impl Iterator<Item = PeerEstimate>>, impl Iterator<Item = MovingObstacle>),
         task: &Task,
         workspace: &mut Workspace,
     ) -> Option<FormationOutput> {
+        workspace.moving.clear();
+        workspace.moving.extend(strangers.map(|it| (it.position, it.velocity, it.uncertainty_m)));
         workspace.split_peers(estimate, others.near);
         self.members = others.members;
         if let Task::Formation(goal) = task {
@@ -394,10 +388,9 @@ impl Formation {
             }
             None => None,
         };
-        let LawOutput { command, reached } =
-            external_output.map_or_else(|| shape.law.update(&observation), |external_output| external_output.answer);
-        let heading_rad =
-            external_output.and_then(|external_output| external_output.heading_rad).unwrap_or(heading_rad);
+        let (LawOutput { command, reached }, law_heading_rad) =
+            external_output.unwrap_or_else(|| (shape.law.update(&observation), None));
+        let heading_rad = law_heading_rad.unwrap_or(heading_rad);
         let (rank, live) = (observation.rank(), observation.live());
         let feedforward_ne_m_s = if shape.feedforward { centre_velocity_ne_m_s } else { Vector2::zeros() };
         let mut field = Vector3::zeros();
@@ -481,8 +474,7 @@ impl Formation {
                 constraints.push(constraint.relative(feedforward_ne_m_s, velocity_ne_m_s));
             }
         }
-        let strangers = self.strangers.iter().map(|it| (it.position, it.velocity, it.uncertainty_m));
-        for (position, velocity, uncertainty_m) in strangers.chain(moving.iter().copied()) {
+        for (position, velocity, uncertainty_m) in moving.iter().copied() {
             let from_other_m = estimate.position - position;
             let clear_m = filter.distance_m + uncertainty_m;
             let is_apart = from_other_m.xy().norm_squared() > COINCIDENT_M * COINCIDENT_M;
@@ -502,11 +494,10 @@ impl Formation {
 }
 
 impl Workspace {
-    /// Splits the peers into members and obstacles.
+    /// Splits the peers into members and obstacles, and adds those of the obstacles that move to the strangers.
     fn split_peers(&mut self, estimate: &Estimate, peers: impl Iterator<Item = PeerEstimate>) {
         self.neighbours.clear();
         self.obstacles.clear();
-        self.moving.clear();
         for PeerEstimate { id, position, velocity, heading_rad, carried_s, standing, role, .. } in peers {
             match role {
                 Role::Member => {
@@ -538,16 +529,6 @@ pub fn extent_m(formation: &scenario::Formation, vehicles: usize) -> f64 {
     }
     let slots = slots::Slots::of(formation);
     (0..vehicles).map(|rank| slots.slot_ne_m(rank, vehicles).norm()).fold(0.0, f64::max)
-}
-
-/// The conversion configured by a scenario.
-fn conversion(settings: &scenario::Formation) -> Conversion {
-    match settings.conversion {
-        scenario::Conversion::Linear => Conversion::Linear { gain_m: settings.gain_m },
-        scenario::Conversion::Nonlinear => {
-            Conversion::Nonlinear { gain_m: settings.gain_m, far_gain_m: settings.far_gain_m, knee: settings.gain_knee }
-        }
-    }
 }
 
 #[cfg(test)]

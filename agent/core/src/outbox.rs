@@ -66,15 +66,6 @@ pub struct SendSchedule {
     intents: u64,
 }
 
-/// The part of a heartbeat that is about the peers.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PeersReport {
-    /// The echo of one peer's heartbeat.
-    pub echo: Option<Echo>,
-    /// The peers lost as active members.
-    pub lost: VehicleSet,
-}
-
 /// The conditions under which the peers need a new state.
 #[derive(Clone, Copy, Debug)]
 struct Need {
@@ -130,14 +121,15 @@ impl SendSchedule {
     }
 
     /// The messages to send now. With a stale estimate no state is sent: the peers extrapolate the last one and know
-    /// its age. `peers` gives what a heartbeat with this stamp reports of the peers.
+    /// its age. `peers` gives what a heartbeat with this stamp reports of the peers: the echo of one peer's heartbeat, and the
+    /// peers lost as active members.
     pub fn outbox(
         &mut self,
         now: LocalTime,
         estimate: Option<&Estimate>,
         mission: &Mission,
         happened: Vec<EventKind>,
-        peers: impl FnOnce(SenderStamp) -> PeersReport,
+        peers: impl FnOnce(SenderStamp) -> (Option<Echo>, VehicleSet),
     ) -> Outbox {
         let is_heartbeat_due = self.is_heartbeat_due(now, mission);
         let state = estimate.filter(|estimate| self.is_state_due(now, estimate, is_heartbeat_due));
@@ -196,7 +188,7 @@ impl SendSchedule {
         &mut self,
         now: LocalTime,
         mission: &Mission,
-        peers: impl FnOnce(SenderStamp) -> PeersReport,
+        peers: impl FnOnce(SenderStamp) -> (Option<Echo>, VehicleSet),
     ) -> Heartbeat {
         self.repeats = self.repeats.saturating_sub(1);
         self.newest_order = mission.newest_order;
@@ -208,7 +200,7 @@ impl SendSchedule {
         };
         self.heartbeats.messages += 1;
         let header = self.header(now, self.heartbeats.messages);
-        let PeersReport { echo, lost } = peers(header.stamp);
+        let (echo, lost) = peers(header.stamp);
         let AgreementState { membership, step, vouched, reached } = mission.agreement_state();
         let heartbeat = Heartbeat {
             header,
@@ -286,8 +278,8 @@ mod tests {
             let now = LocalTime::from_seconds(0.02 * f64::from(frame));
             let north_m_s = if (3..16).contains(&frame) { gust_m_s } else { 0.0 };
             let north_m = gust_m_s * 0.02 * f64::from(frame.clamp(3, 16) - 3);
-            let outbox = schedule
-                .outbox(now, Some(&estimate(north_m, north_m_s)), &mission, Vec::new(), |_| PeersReport::default());
+            let outbox =
+                schedule.outbox(now, Some(&estimate(north_m, north_m_s)), &mission, Vec::new(), |_| Default::default());
             (outbox.state.is_some(), outbox.mission.is_some())
         };
         assert_eq!(send(0), (true, true));
@@ -334,7 +326,7 @@ mod tests {
                     let frame_m = moved_m.norm() + known.1.0.norm() * dt_s;
                     prop_assert!(errors(known).0 <= state_error_m + frame_m + 1e-4, "before the next message");
                 }
-                let outbox = schedule.outbox(now, Some(&flown), &mission, Vec::new(), |_| PeersReport::default());
+                let outbox = schedule.outbox(now, Some(&flown), &mission, Vec::new(), |_| Default::default());
                 if let Some(State { state, .. }) = outbox.state.as_deref() {
                     let (position, convergence) = origin.locate(&state.position);
                     known = Some((position, convergence.velocity_from_local(state.velocity), now));

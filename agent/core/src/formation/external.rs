@@ -21,7 +21,7 @@ use skein_common::message::{EventKind, LawNumber};
 use skein_common::scenario;
 use skein_common::time::PlantTime;
 
-use super::law::{self, Goal, Neighbour, Observation};
+use super::law::{Goal, LawCommand, LawOutput, Neighbour, Observation};
 
 /// Rounding of frame times, s: a query may be sent this much early.
 const ROUNDING_S: f64 = 1e-6;
@@ -87,7 +87,7 @@ pub enum ReplyCommand {
 }
 
 /// One vehicle's exchange with its external law.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct External {
     period_s: f64,
     max_speed_m_s: f64,
@@ -119,17 +119,7 @@ impl External {
             period_s: external.period_s,
             max_speed_m_s: external.max_speed_m_s,
             timeout: external.misses,
-            now: PlantTime::ZERO,
-            next_query: None,
-            last_query: None,
-            ticks: 0,
-            pending: None,
-            last: None,
-            misses_in_a_row: 0,
-            misses: 0,
-            flies: None,
-            ask: None,
-            event: None,
+            ..Self::default()
         }
     }
 
@@ -142,9 +132,10 @@ impl External {
         self.last = Some(answer.clone());
     }
 
-    /// The output of the law from its last reply; queries the law when the next query is due. `None` while the law is
-    /// lost.
-    pub fn output(&mut self, observation: &Observation<'_>) -> Option<ExternalLawOutput> {
+    /// The output of the law from its last reply, in the form of a built-in law, with the commanded heading, clockwise from
+    /// north, rad, `None` of which leaves it to the mission; queries the law when the next query is due. `None` while the
+    /// law is lost.
+    pub fn output(&mut self, observation: &Observation<'_>) -> Option<(LawOutput, Option<f64>)> {
         self.query_if_due(observation);
         self.flies = Some(!self.is_lost());
         if self.is_lost() {
@@ -154,18 +145,17 @@ impl External {
         let is_near = centre_m.norm() <= observation.goal.radius_m && observation.is_slow();
         let Some(answer) = &self.last else {
             // Before the first reply the vehicle stays where it is.
-            let answer = law::LawOutput { command: law::LawCommand::Displacement(Vector2::zeros()), reached: false };
-            return Some(ExternalLawOutput { answer, heading_rad: None });
+            return Some((LawOutput { command: LawCommand::Displacement(Vector2::zeros()), reached: false }, None));
         };
         let command = match answer.command {
             ReplyCommand::VelocityNed(velocity) => {
                 let velocity = velocity.cap_magnitude(self.max_speed_m_s);
-                law::LawCommand::Velocity { ne_m_s: velocity.xy(), down_m_s: Some(velocity.z) }
+                LawCommand::Velocity { ne_m_s: velocity.xy(), down_m_s: Some(velocity.z) }
             }
-            ReplyCommand::FieldNe(field) => law::LawCommand::Field(field.push(0.0)),
+            ReplyCommand::FieldNe(field) => LawCommand::Field(field.push(0.0)),
         };
         let reached = answer.reached.unwrap_or(is_near);
-        Some(ExternalLawOutput { answer: law::LawOutput { command, reached }, heading_rad: answer.heading_rad })
+        Some((LawOutput { command, reached }, answer.heading_rad))
     }
 
     /// Prepares the next query when it is due. A query still pending then was missed.
@@ -228,15 +218,6 @@ impl External {
     fn is_lost(&self) -> bool {
         self.misses_in_a_row >= self.timeout
     }
-}
-
-/// The output of an external law.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ExternalLawOutput {
-    /// The output in the form of a built-in law.
-    pub answer: law::LawOutput,
-    /// Commanded heading, clockwise from north, rad; `None` leaves it to the mission.
-    pub heading_rad: Option<f64>,
 }
 
 #[cfg(test)]

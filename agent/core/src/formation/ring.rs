@@ -140,18 +140,7 @@ impl Ring {
         self.level_and_normal(flat(from_centre_ne_m)).0
     }
 
-    /// Whether a position at the centre's altitude, relative to the centre, is in the region where vehicles belong.
-    pub fn is_in_band(&self, from_centre_ne_m: Vector2<f64>) -> bool {
-        self.holds(flat(from_centre_ne_m))
-    }
-
-    /// Whether a position relative to the centre (NED, m) is in the region where vehicles belong: the band or the
-    /// inside.
-    pub fn holds(&self, from_centre_m: Vector3<f64>) -> bool {
-        self.holds_level(self.level_and_normal(from_centre_m).0)
-    }
-
-    /// Whether the level ρ, m, is one of the region where vehicles belong.
+    /// Whether the level ρ, m, is one of the region where vehicles belong: the band or the inside.
     pub fn holds_level(&self, rho_m: f64) -> bool {
         match self.region {
             Region::Band => (self.radius_m - self.inner_width_m..=self.radius_m + self.outer_width_m).contains(&rho_m),

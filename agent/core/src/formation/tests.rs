@@ -58,7 +58,9 @@ fn task(speed_m_s: f64) -> Task {
 }
 
 fn output(formation: &mut Formation, estimate: &Estimate, peers: &[PeerEstimate], speed_m_s: f64) -> FormationOutput {
-    formation.step(0.02, estimate, summary(peers, false), &task(speed_m_s), &mut Workspace::default()).unwrap()
+    formation
+        .step(0.02, estimate, (summary(peers, false), core::iter::empty()), &task(speed_m_s), &mut Workspace::default())
+        .unwrap()
 }
 
 #[test]
@@ -158,7 +160,7 @@ proptest! {
             let lines = format!("law = '{law}'\nsafety_filter = '{filter}'\nslots.pattern = '{pattern}'");
             let mut formation = formation(&lines);
             for _ in 0..2 {
-                let output = formation.step(dt_s, &estimate, summary(&peers, false), &task(centre), &mut Workspace::default()).unwrap();
+                let output = formation.step(dt_s, &estimate, (summary(&peers, false), core::iter::empty()), &task(centre), &mut Workspace::default()).unwrap();
                 let Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad } = output.setpoint;
                 let error_ne_m = output.setpoint.error_ne_m();
                 let numbers = relative_velocity_ne_m_s.iter().chain(&feedforward_ne_m_s).chain(&output.field_ne);
@@ -181,8 +183,13 @@ fn a_vehicle_keeps_away_from_an_obstacle_that_flies_towards_it_sooner_than_from_
         };
         let mut formation = formation("law = 'displacement-consensus'");
         let stay = Task::Stay { at_ne_m: Vector2::zeros(), altitude_m: 30.0, heading_rad: 0.0, lands: false };
-        let flown =
-            formation.step(0.02, &at(0.0, 0.0, 30.0), summary(&[obstacle], false), &stay, &mut Workspace::default());
+        let flown = formation.step(
+            0.02,
+            &at(0.0, 0.0, 30.0),
+            (summary(&[obstacle], false), core::iter::empty()),
+            &stay,
+            &mut Workspace::default(),
+        );
         flown.unwrap().setpoint.relative_velocity_ne_m_s.x
     };
     assert_eq!(north_m_s(0.0), 0.0, "30 m away it may stay");
@@ -255,7 +262,13 @@ fn under_every_law_a_vehicle_keeps_the_floor_above_a_hill_and_lands_below_it() {
         let stays = |lands| Task::Stay { at_ne_m: Vector2::new(300.0, 0.0), altitude_m: 55.0, heading_rad: 0.0, lands };
         let estimate = Estimate { height_m: altitude_m - 50.0, ..at(300.0, 0.0, altitude_m) };
         let altitudes_m = [false, true].map(|lands| {
-            let stayed = kept.step(0.02, &estimate, summary(&[], false), &stays(lands), &mut Workspace::default());
+            let stayed = kept.step(
+                0.02,
+                &estimate,
+                (summary(&[], false), core::iter::empty()),
+                &stays(lands),
+                &mut Workspace::default(),
+            );
             stayed.unwrap().setpoint.altitude_m
         });
         assert_eq!(altitudes_m, [65.0, 55.0], "{law}: it holds above the floor, and lands through it");
@@ -280,7 +293,8 @@ fn a_vehicle_that_stays_keeps_the_rise_of_its_partition() {
     let mut fly = |flies_above: bool, task: &Task| {
         let others = || summary(&[], flies_above);
         let mut workspace = Workspace::default();
-        let step = |_| formation.step(0.02, &at(100.0, 0.0, 40.0), others(), task, &mut workspace);
+        let step =
+            |_| formation.step(0.02, &at(100.0, 0.0, 40.0), (others(), core::iter::empty()), task, &mut workspace);
         let steps = (0..1000).filter_map(step);
         steps.map(|output| output.setpoint.altitude_m).last().unwrap()
     };

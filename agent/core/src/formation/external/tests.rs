@@ -30,7 +30,7 @@ impl Session {
     }
 
     /// Advances by 20 ms; returns the law's output and its query.
-    fn step(&mut self, answer: Option<&LawReply>) -> (Option<ExternalLawOutput>, Option<LawQuery>) {
+    fn step(&mut self, answer: Option<&LawReply>) -> (Option<(LawOutput, Option<f64>)>, Option<LawQuery>) {
         self.frame += 1;
         self.external.receive_reply(PlantTime::from_nanoseconds(self.frame * 20_000_000), answer);
         let neighbour = Neighbour {
@@ -65,7 +65,7 @@ impl Session {
     }
 
     /// Steps until the next query; returns the output of that step and the query.
-    fn next_query(&mut self) -> (Option<ExternalLawOutput>, LawQuery) {
+    fn next_query(&mut self) -> (Option<(LawOutput, Option<f64>)>, LawQuery) {
         for _ in 0..1000 {
             if let (external_output, Some(ask)) = self.step(None) {
                 return (external_output, ask);
@@ -75,7 +75,7 @@ impl Session {
     }
 
     /// The output after this reply to the next query.
-    fn flown(&mut self, answer: impl FnOnce(u64) -> LawReply) -> ExternalLawOutput {
+    fn flown(&mut self, answer: impl FnOnce(u64) -> LawReply) -> (LawOutput, Option<f64>) {
         let (_, ask) = self.next_query();
         self.step(Some(&answer(ask.tick))).0.unwrap()
     }
@@ -89,14 +89,14 @@ fn velocity(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> ReplyCommand {
     ReplyCommand::VelocityNed(Vector3::new(north_m_s, east_m_s, down_m_s))
 }
 
-fn command(external_output: Option<ExternalLawOutput>) -> law::LawCommand {
-    external_output.unwrap().answer.command
+fn command(external_output: Option<(LawOutput, Option<f64>)>) -> LawCommand {
+    external_output.unwrap().0.command
 }
 
-const STAY: law::LawCommand = law::LawCommand::Displacement(Vector2::new(0.0, 0.0));
+const STAY: LawCommand = LawCommand::Displacement(Vector2::new(0.0, 0.0));
 
-fn level_and_down(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> law::LawCommand {
-    law::LawCommand::Velocity { ne_m_s: Vector2::new(north_m_s, east_m_s), down_m_s: Some(down_m_s) }
+fn level_and_down(north_m_s: f64, east_m_s: f64, down_m_s: f64) -> LawCommand {
+    LawCommand::Velocity { ne_m_s: Vector2::new(north_m_s, east_m_s), down_m_s: Some(down_m_s) }
 }
 
 #[test]
@@ -142,9 +142,9 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
     let (_, ask) = session.next_query();
     assert_eq!(command(session.step(None).0), level_and_down(1.0, -2.0, 0.5), "the last reply is flown");
     let (flown, _) = session.step(Some(&answer(ask.tick, ReplyCommand::FieldNe(Vector2::new(0.1, 0.2)))));
-    assert_eq!(command(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)));
+    assert_eq!(command(flown), LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)));
     let (flown, _) = session.step(Some(&answer(ask.tick, velocity(3.0, 0.0, 0.0))));
-    assert_eq!(command(flown), law::LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
+    assert_eq!(command(flown), LawCommand::Field(Vector3::new(0.1, 0.2, 0.0)), "a second reply is ignored");
     assert_eq!(session.external.misses, 0);
 }
 
@@ -152,7 +152,7 @@ fn a_reply_is_flown_from_the_next_step_until_the_next_reply() {
 fn a_fast_reply_is_limited_and_keeps_its_direction() {
     let mut session = Session::new("max_speed_m_s = 5");
     let flown = session.flown(|tick| answer(tick, velocity(6e8, 8e8, 0.0)));
-    let law::LawCommand::Velocity { ne_m_s, down_m_s } = flown.answer.command else { panic!("{flown:?}") };
+    let LawCommand::Velocity { ne_m_s, down_m_s } = flown.0.command else { panic!("{flown:?}") };
     assert!((ne_m_s - Vector2::new(3.0, 4.0)).norm() < 1e-9 && down_m_s == Some(0.0), "{flown:?}");
 }
 
@@ -164,8 +164,8 @@ fn the_law_decides_in_place_or_else_a_slow_vehicle_near_the_centre_is() {
         session.velocity = VelocityNed::new(north_m_s, 0.0, 0.0);
         let flown =
             session.flown(|tick| LawReply { reached, heading_rad: Some(2.5), ..answer(tick, velocity(0.0, 0.0, 0.0)) });
-        assert_eq!(flown.heading_rad, Some(2.5));
-        flown.answer.reached
+        assert_eq!(flown.1, Some(2.5));
+        flown.0.reached
     };
     assert!(there(None, 109.0, 2.0) && !there(None, 111.0, 2.0), "within R* of the centre");
     assert!(!there(None, 109.0, 1.4), "slow relative to the centre");
@@ -190,7 +190,7 @@ fn after_misses_in_a_row_the_law_is_lost_until_its_next_reply() {
     }
     assert_eq!((session.external.misses, session.events.len()), (7, 1), "reported once");
     let flown = session.flown(|tick| answer(tick, velocity(0.0, 1.0, 0.0)));
-    assert_eq!(flown.answer.command, level_and_down(0.0, 1.0, 0.0));
+    assert_eq!(flown.0.command, level_and_down(0.0, 1.0, 0.0));
     assert_eq!(session.events, [EventKind::LawLost, EventKind::LawBack]);
 }
 
