@@ -8,7 +8,7 @@
 //!           or on hold alone
 //! ```
 //!
-//! The swarm has no leader. The vehicles agree on the current step ([`agreement`]) and on a moving centre ([`centre`]).
+//! The swarm has no leader. The vehicles agree on the current step ([`agreement`]) and on a moving centre ([`progress`]).
 //! Orders are registers ([`StandingOrders`]): every agent repeats those that it knows, so that an order that reaches one
 //! vehicle reaches all.
 //!
@@ -19,7 +19,6 @@
 
 pub mod agreement;
 mod approach;
-pub mod centre;
 pub mod landing;
 pub mod plan;
 pub mod progress;
@@ -29,6 +28,7 @@ pub mod task;
 use alloc::vec::Vec;
 
 use nalgebra::Vector2;
+use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{self, EventKind, Failure, Order, StandingOrders, Verb};
 use skein_common::scenario::Scenario;
@@ -142,7 +142,7 @@ pub struct Mission {
     /// The step has just begun, and other vehicles may be farther along it.
     is_late: bool,
     /// Position of the stay; `None` while the vehicle does not stay.
-    stay: Option<StayPlace>,
+    stay: Option<PositionNed>,
     landing: Option<Landing>,
     /// Whether the landing waits because another partition may be below.
     landing_waits: bool,
@@ -154,12 +154,6 @@ struct AgreementInputs {
     revision: u64,
     absent_may_fly: bool,
     own: AgreementState,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct StayPlace {
-    at_ne_m: Vector2<f64>,
-    altitude_m: f64,
 }
 
 impl Mission {

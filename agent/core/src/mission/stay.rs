@@ -1,10 +1,11 @@
 //! The behaviour of a vehicle that does not fly its formation: it holds its place, lands, or leaves its controls to a human pilot.
 
+use skein_common::frame::PositionNed;
 use skein_common::state::{Activity, Membership};
 use skein_common::time::Now;
 
 use super::landing::{Descent, Landing};
-use super::{FLYING_ABOVE_M, Mission, StayPlace, Task};
+use super::{FLYING_ABOVE_M, Mission, Task};
 use crate::estimate::Estimate;
 use crate::failsafe::Response;
 
@@ -47,17 +48,15 @@ impl Mission {
 
     pub(super) fn stay(&mut self, estimate: &Estimate, activity: Activity) -> Task {
         self.activity = activity;
-        let StayPlace { at_ne_m, altitude_m } = *self.place(estimate);
+        let place = self.place(estimate);
+        let (at_ne_m, altitude_m) = (place.horizontal(), place.altitude_m());
         let lands = activity == Activity::Landing;
         Task::Stay { at_ne_m, altitude_m, heading_rad: self.heading_rad, lands }
     }
 
     /// The position of the stay: that of the vehicle when the stay began.
-    fn place(&mut self, estimate: &Estimate) -> &mut StayPlace {
-        self.stay.get_or_insert_with(|| StayPlace {
-            at_ne_m: estimate.position.horizontal(),
-            altitude_m: estimate.position.altitude_m(),
-        })
+    fn place(&mut self, estimate: &Estimate) -> &mut PositionNed {
+        self.stay.get_or_insert(estimate.position)
     }
 
     /// Whether the vehicle is on the ground after a flight, which is final.
@@ -78,12 +77,12 @@ impl Mission {
         let is_on_ground = self.activity == Activity::Joining && estimate.height_m < FLYING_ABOVE_M;
         self.agreement.set_membership(Membership::Left);
         let mut landing = self.landing.unwrap_or_else(|| Landing::begin(now.plant, is_on_ground));
-        let altitude_m = self.place(estimate).altitude_m;
+        let altitude_m = self.place(estimate).altitude_m();
         let descent = landing.step(now.plant, estimate, altitude_m, self.above_altitude_m);
         self.landing = Some(landing);
         match descent {
             Descent::To(altitude_m) => {
-                self.place(estimate).altitude_m = altitude_m;
+                self.place(estimate).0.z = -altitude_m;
                 self.stay(estimate, Activity::Landing)
             }
             Descent::Unloading => {
