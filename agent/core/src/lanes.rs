@@ -72,8 +72,12 @@ pub(crate) trait Real:
 pub(crate) trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
     /// Whether it holds in at least one lane.
     fn any(self) -> bool;
+
     /// Whether it holds in all lanes.
-    fn all(self) -> bool;
+    #[inline(always)]
+    fn all(self) -> bool {
+        !(!self).any()
+    }
 }
 
 impl Real for f64 {
@@ -118,11 +122,6 @@ impl Real for f64 {
 impl Mask for bool {
     #[inline(always)]
     fn any(self) -> bool {
-        self
-    }
-
-    #[inline(always)]
-    fn all(self) -> bool {
         self
     }
 }
@@ -301,15 +300,6 @@ impl Mask for LaneMask {
             any |= lane;
         }
         any
-    }
-
-    #[inline(always)]
-    fn all(self) -> bool {
-        let mut all = true;
-        for lane in self.0 {
-            all &= lane;
-        }
-        all
     }
 }
 
