@@ -19,24 +19,20 @@ use alloc::boxed::Box;
 use alloc::format;
 use alloc::string::String;
 use core::f64::consts::PI;
-use skein_common::math;
 
 use nalgebra::Vector2;
+use skein_common::{math, scenario};
 
 use super::law::{Law, LawCommand, LawOutput, Observation, Setup};
 
 /// Distance d in the source's units.
 const SOURCE_DISTANCE: f64 = 7.0;
 
-/// The law's parameters; those of the interaction are in the source's units.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The law's parameters, and what follows from them; those of the interaction are in the source's units.
+#[derive(Clone, Debug, PartialEq)]
 struct OlfatiSaber {
+    its: scenario::OlfatiSaber,
     unit_m: f64,
-    unit_s: f64,
-    epsilon: f64,
-    a: f64,
-    b: f64,
-    h: f64,
     /// Shift c that makes φ(0) zero.
     c: f64,
     /// Sigma-norm ‖d‖σ of the distance.
@@ -44,10 +40,6 @@ struct OlfatiSaber {
     /// Sigma-norm ‖r‖σ of the range.
     range_sigma: f64,
     range_m: f64,
-    c1_per_s2: f64,
-    c2_per_s: f64,
-    horizon_s: f64,
-    max_speed_m_s: f64,
 }
 
 /// Builds the law for a scenario.
@@ -56,36 +48,29 @@ pub(super) fn make(setup: &Setup<'_>) -> Result<Box<dyn Law>, String> {
 }
 
 impl OlfatiSaber {
-    fn new(settings: &skein_common::scenario::OlfatiSaber) -> Result<Self, String> {
+    fn new(settings: &scenario::OlfatiSaber) -> Result<Self, String> {
         let (a, b, epsilon) = (settings.action_a, settings.action_b, settings.epsilon);
         if a > b {
             return Err(format!("`formation.olfati_saber.action_a` is {a}, but may not be above `action_b`, {b}"));
         }
         let range = settings.range_ratio * SOURCE_DISTANCE;
         Ok(Self {
+            its: settings.clone(),
             unit_m: settings.distance_m / SOURCE_DISTANCE,
-            unit_s: settings.time_unit_s,
-            epsilon,
-            a,
-            b,
-            h: settings.bump_h,
             c: (a - b).abs() / (4.0 * a * b).sqrt(),
             distance_sigma: sigma_norm(epsilon, SOURCE_DISTANCE * SOURCE_DISTANCE),
             range_sigma: sigma_norm(epsilon, range * range),
             range_m: settings.range_ratio * settings.distance_m,
-            c1_per_s2: settings.c1_per_s2,
-            c2_per_s: settings.c2_per_s,
-            horizon_s: settings.horizon_s,
-            max_speed_m_s: settings.max_speed_m_s,
         })
     }
 
     /// The bump function ρ_h: 1 near zero, 0 from 1 on, smooth.
     fn bump(&self, z: f64) -> f64 {
-        if z < self.h {
+        let h = self.its.bump_h;
+        if z < h {
             1.0
         } else if z < 1.0 {
-            0.5 * (1.0 + math::cos(PI * (z - self.h) / (1.0 - self.h)))
+            0.5 * (1.0 + math::cos(PI * (z - h) / (1.0 - h)))
         } else {
             0.0
         }
@@ -93,36 +78,38 @@ impl OlfatiSaber {
 
     /// The action function φ_α of a sigma-norm.
     fn action(&self, sigma: f64) -> f64 {
+        let (a, b) = (self.its.action_a, self.its.action_b);
         let shifted = sigma - self.distance_sigma + self.c;
-        let uneven = 0.5 * ((self.a + self.b) * shifted / (1.0 + shifted * shifted).sqrt() + self.a - self.b);
+        let uneven = 0.5 * ((a + b) * shifted / (1.0 + shifted * shifted).sqrt() + a - b);
         self.bump(sigma / self.range_sigma) * uneven
     }
 
     /// Acceleration u_i, north and east, m/s².
     fn acceleration(&self, observation: &Observation<'_>) -> Vector2<f64> {
+        let (epsilon, unit_s) = (self.its.epsilon, self.its.time_unit_s);
         let (place, velocity) = (observation.position.horizontal(), observation.velocity.horizontal());
         let (mut gradient, mut consensus) = (Vector2::zeros(), Vector2::zeros());
         for neighbour in observation.neighbours {
             let offset = (neighbour.position.horizontal() - place) / self.unit_m;
             let squared = offset.norm_squared();
-            let sigma = sigma_norm(self.epsilon, squared);
+            let sigma = sigma_norm(epsilon, squared);
             if sigma < self.range_sigma {
-                gradient += offset * (self.action(sigma) / (1.0 + self.epsilon * squared).sqrt());
+                gradient += offset * (self.action(sigma) / (1.0 + epsilon * squared).sqrt());
                 consensus += (neighbour.velocity.horizontal() - velocity) * self.bump(sigma / self.range_sigma);
             }
         }
         let relative = velocity - observation.goal.centre_velocity.horizontal();
-        gradient * (self.unit_m / (self.unit_s * self.unit_s)) + consensus / self.unit_s
-            - observation.from_centre_ne_m() * self.c1_per_s2
-            - relative * self.c2_per_s
+        gradient * (self.unit_m / (unit_s * unit_s)) + consensus / unit_s
+            - observation.from_centre_ne_m() * self.its.c1_per_s2
+            - relative * self.its.c2_per_s
     }
 }
 
 impl Law for OlfatiSaber {
     fn update(&mut self, observation: &Observation<'_>) -> LawOutput {
-        let velocity = observation.velocity.horizontal() + self.acceleration(observation) * self.horizon_s;
+        let velocity = observation.velocity.horizontal() + self.acceleration(observation) * self.its.horizon_s;
         let reached = observation.from_centre_ne_m().norm() <= observation.goal.radius_m && observation.is_slow();
-        LawOutput { command: LawCommand::level(velocity.cap_magnitude(self.max_speed_m_s)), reached }
+        LawOutput { command: LawCommand::level(velocity.cap_magnitude(self.its.max_speed_m_s)), reached }
     }
 
     /// The bump function is zero beyond the range.

@@ -24,13 +24,13 @@ fn potential(law: &OlfatiSaber, sigma: f64) -> f64 {
 /// The source's Hamiltonian in the frame of the goal (equation 36): potential of all pairs, of the goal, and motion;
 /// m²/s².
 fn energy(law: &OlfatiSaber, points: &Points) -> f64 {
-    let scale = math::square(law.unit_m / law.unit_s);
+    let scale = math::square(law.unit_m / law.its.time_unit_s);
     let pairs = points.distances_m().into_iter().map(|distance_m| {
         let squared = math::square(distance_m / law.unit_m);
-        scale * potential(law, sigma_norm(law.epsilon, squared))
+        scale * potential(law, sigma_norm(law.its.epsilon, squared))
     });
     let (centre, drift) = (points.goal.centre.horizontal(), points.goal.centre_velocity.horizontal());
-    let goal = points.places_m.iter().map(|place| 0.5 * law.c1_per_s2 * (place - centre).norm_squared());
+    let goal = points.places_m.iter().map(|place| 0.5 * law.its.c1_per_s2 * (place - centre).norm_squared());
     let motion = points.velocities_m_s.iter().map(|velocity| 0.5 * (velocity - drift).norm_squared());
     pairs.chain(goal).chain(motion).sum()
 }
@@ -116,7 +116,8 @@ proptest! {
         prop_assert!((slope - z / (1.0 + epsilon * z * z).sqrt()).abs() < 1e-5, "the gradient is n_ij");
         prop_assert!(sigma_norm(epsilon, 0.0) == 0.0);
 
-        let law = OlfatiSaber { h, ..law(&[&format!("action_b={}", a + more), &format!("action_a={a}")]) };
+        let mut law = law(&[&format!("action_b={}", a + more), &format!("action_a={a}")]);
+        law.its.bump_h = h;
         prop_assert!((0.0..=1.0).contains(&law.bump(share)) && law.bump(0.0) == 1.0 && law.bump(1.0) == 0.0);
         prop_assert!((law.bump((1.0 + h) / 2.0) - 0.5).abs() < 1e-9, "half in the middle of its fall");
         prop_assert!((law.bump(share + 1e-7) - law.bump(share)).abs() < 1e-4, "continuous");
@@ -129,7 +130,8 @@ proptest! {
 
     #[test]
     fn two_pull_each_other_equally(north in -40.0..40.0, east in -40.0..40.0, vn in -4.0..4.0, ve in -4.0..4.0) {
-        let law = OlfatiSaber { c1_per_s2: 0.0, c2_per_s: 0.0, ..law(&[]) };
+        let mut law = law(&[]);
+        (law.its.c1_per_s2, law.its.c2_per_s) = (0.0, 0.0);
         let mut points = Points::at(vec![Vector2::zeros(), Vector2::new(north, east)]);
         points.velocities_m_s[1] = Vector2::new(vn, ve);
         let forces = points.each(|_, _| true, |_, observation| law.acceleration(observation));
