@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Drops, EventKind, Failure, Order, SimulatorFault, StandingOrders, Standstill};
-use skein_common::scenario::{Scenario, Setting, TunableKey};
+use skein_common::scenario::{Scenario, Setting};
 use skein_common::state::{Activity, Membership};
 use skein_common::time::{Now, PlantTime};
 
@@ -23,7 +23,7 @@ use crate::control::{Controller, Rules, Trim};
 use crate::diagnosis::Diagnosis;
 use crate::estimate::{Estimate, Estimator};
 use crate::failsafe::{Condition, Conditions, Response};
-use crate::formation::external::{External, LawQuery, LawReply};
+use crate::formation::external::{LawQuery, LawReply};
 use crate::formation::{self, Formation, FormationOutput, UnsupportedScenario, Workspace};
 use crate::intent::{Intents, ReceivedIntent};
 use crate::mission::{Mission, Task, View};
@@ -288,7 +288,7 @@ impl Agent {
 
     /// Whether the fallback flies in the place of an external law; `None` where the vehicle flies by no external law.
     pub fn fallback_flies(&self) -> Option<bool> {
-        self.formation.external.as_ref().and_then(External::fallback_flies)
+        self.formation.external.as_ref()?.fallback_flies
     }
 
     /// The failures found in the own vehicle, from the least to the most severe.
@@ -303,11 +303,6 @@ impl Agent {
     /// The orders that this agent knows.
     pub fn orders(&self) -> &StandingOrders {
         &self.mission.orders
-    }
-
-    /// The present value of a key that an operator has set in flight, in the key's unit; `None` before a setting of it has begun.
-    pub fn set_value(&self, key: TunableKey) -> Option<f64> {
-        self.tuning.value(key)
     }
 
     /// Messages and measurements dropped so far. The caller adds those dropped outside the core.

@@ -35,8 +35,6 @@ use crate::deadlines::Deadline;
 const ROUND_TRIPS_KEPT: usize = 4;
 /// Upper bound of the drift between two quartz clocks, s/s.
 const DRIFT: f64 = 2e-4;
-/// Time for which a round trip is used, s.
-const ROUND_TRIP_VALID_S: f64 = Deadline::RoundTripOld.after_s();
 /// Largest negative delay that does not contradict its round trip, s.
 const TOLERANCE_S: f64 = 0.005;
 /// Number of own stamps remembered: 25 s of heartbeats.
@@ -166,7 +164,7 @@ impl Default for RoundTrips {
 impl RoundTrips {
     /// Adds the round trip measured by a heartbeat with this transit. An impossible round trip is ignored.
     pub fn take(&mut self, at: LocalTime, transit_s: f64, round_trip_s: f64) {
-        if !(-TOLERANCE_S..ROUND_TRIP_VALID_S).contains(&round_trip_s) {
+        if !(-TOLERANCE_S..Deadline::RoundTripOld.after_s()).contains(&round_trip_s) {
             return;
         }
         for old in &mut self.0 {

@@ -209,7 +209,7 @@ impl Mission {
         happened.extend(is_obeyed.then_some(EventKind::OrderTaken(Order { signature: None, ..order })));
         let progress = match (order.verb, order.vehicles) {
             (Verb::Goto(step), None) => self.agreement.order(step),
-            (Verb::Goto(step), Some(_)) if is_obeyed => self.agreement.send_ahead(step),
+            (Verb::Goto(step), Some(_)) if is_obeyed => self.agreement.carry(step),
             _ => None,
         };
         self.begin_step(progress, core::iter::empty(), happened);

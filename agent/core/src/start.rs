@@ -32,21 +32,18 @@ pub struct StartAreaTooSmall {
 pub fn starts(scenario: &Scenario) -> Result<Vec<Start>, StartAreaTooSmall> {
     let vehicles = scenario.swarm.vehicles;
     let mut generator = random::generator(scenario.seed, None, Purpose::Start);
+    let each = |start: &dyn Fn(usize) -> Start| -> Vec<Start> { (0..vehicles).map(start).collect() };
     let mut starts = match scenario.start.pattern {
         StartPattern::Random => random_starts(scenario, &mut generator)?,
-        StartPattern::Ring => (0..vehicles)
-            .map(|index| {
-                let (sin, cos) = math::sin_cos(TAU * index as f64 / vehicles as f64);
-                let radius_m = scenario.start.square_m / 2.0;
-                Start { north_m: radius_m * cos, east_m: radius_m * sin, heading_rad: 0.0 }
-            })
-            .collect(),
-        StartPattern::Line | StartPattern::AsIs => (0..vehicles)
-            .map(|index| {
-                let from_middle = index as f64 - (vehicles - 1) as f64 / 2.0;
-                Start { north_m: 0.0, east_m: from_middle * scenario.start.separation_m, heading_rad: 0.0 }
-            })
-            .collect(),
+        StartPattern::Ring => each(&|index| {
+            let (sin, cos) = math::sin_cos(TAU * index as f64 / vehicles as f64);
+            let radius_m = scenario.start.square_m / 2.0;
+            Start { north_m: radius_m * cos, east_m: radius_m * sin, heading_rad: 0.0 }
+        }),
+        StartPattern::Line | StartPattern::AsIs => each(&|index| {
+            let from_middle = index as f64 - (vehicles - 1) as f64 / 2.0;
+            Start { north_m: 0.0, east_m: from_middle * scenario.start.separation_m, heading_rad: 0.0 }
+        }),
     };
     for (start, vehicle) in starts.iter_mut().zip(&scenario.vehicle) {
         if let Some([north_m, east_m]) = vehicle.start_ne_m {

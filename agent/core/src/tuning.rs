@@ -6,14 +6,14 @@
 //!
 //! New settings wait until every member in contact has repeated them in its heartbeat, so that all begin within the delay of one
 //! message; a member that does not repeat them delays them for [`Deadline::SettingBegins`] only. A value then moves to its setting
-//! at the key's rate ([`TunableKey::rate_per_s`]), so that no setpoint jumps.
+//! at the key's rate ([`TunableKey::rate_per_s`](skein_common::scenario::TunableKey::rate_per_s)), so that no setpoint jumps.
 
 use alloc::boxed::Box;
 use alloc::string::String;
 use alloc::vec::Vec;
 
 use skein_common::message::{EventKind, Order, StandingOrders};
-use skein_common::scenario::{Scenario, Setting, TunableKey};
+use skein_common::scenario::{Scenario, Setting};
 
 use crate::deadlines::Deadline;
 use crate::formation;
@@ -73,11 +73,6 @@ impl Tuning {
     /// The present values of all keys that were ever set.
     pub fn present(&self) -> &[Setting] {
         self.tuned.as_ref().map_or(&[], |tuned| &tuned.present)
-    }
-
-    /// The present value of a key; `None` before a setting of it has begun.
-    pub fn value(&self, key: TunableKey) -> Option<f64> {
-        self.present().iter().find(|present| present.key == key).map(|present| present.value)
     }
 }
 
@@ -205,7 +200,7 @@ mod tests {
         let orders: StandingOrders = [width, radius].into_iter().collect();
         let mut tuning = Tuning::new(&scenario());
         assert_eq!(tuning.step(0.02, &orders, |order| *order == radius, &mut happened), None);
-        assert_eq!(tuning.value(TunableKey::find("formation.radius_m").unwrap()), None);
+        assert_eq!(tuning.present(), []);
         let tuned = tuning.step(0.02, &orders, |_| true, &mut happened).unwrap();
         assert!(tuned.formation.radius_m < 60.0 && tuned.formation.inner_width_m < 20.0);
         assert_eq!(happened, []);

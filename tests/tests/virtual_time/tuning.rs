@@ -104,7 +104,7 @@ fn a_setting_begins_at_all_vehicles_within_the_delay_of_a_message_and_at_none_be
                 if !agent.orders().settings().is_empty() {
                     known_s.entry(id).or_insert(world.t_s());
                 }
-                if agent.set_value(key).is_some() {
+                if agent.settings().iter().any(|setting| setting.key == key) {
                     begun_s.entry(id).or_insert(world.t_s());
                 }
             }

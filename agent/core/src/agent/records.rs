@@ -64,7 +64,7 @@ impl Agent {
             reached: self.mission.reached(),
             in_place_s: self.in_place_s(),
             settings: self.settings().to_vec(),
-            live: self.live(),
+            live: self.formation.live().min(usize::from(VehicleId::MAX)) as u8,
             position: estimate.map(|estimate| estimate.position),
             velocity: estimate.map(|estimate| estimate.velocity).unwrap_or_default(),
             attitude: estimate.map(|estimate| estimate.attitude).unwrap_or_default(),
@@ -132,11 +132,6 @@ impl Agent {
         self.last.activity = if is_blind(missing) && self.last.estimate.is_some() { Activity::Blind } else { activity };
         // A vehicle that does not know where it is does not know that it is in its place.
         self.last.in_place_s = self.last.in_place_s.filter(|_| self.last.activity == Activity::Formation);
-    }
-
-    /// Number of live members that the agent counts, itself included.
-    fn live(&self) -> u8 {
-        self.formation.live().min(usize::from(VehicleId::MAX)) as u8
     }
 }
 

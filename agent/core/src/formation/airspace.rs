@@ -135,9 +135,7 @@ pub(super) fn check(scenario: &Scenario, extent_m: impl Fn(&scenario::Formation)
     for (nth, step) in scenario.mission.steps.iter().enumerate() {
         let formation = &step.formation;
         let altitude_m = formation.altitude_m;
-        let least_m = settings.floor_m.unwrap_or(f64::NEG_INFINITY);
-        let most_m = settings.ceiling_m.unwrap_or(f64::INFINITY);
-        if !(least_m..=most_m).contains(&altitude_m) {
+        if !(airspace.floor_m..=airspace.ceiling_m).contains(&altitude_m) {
             return Err(format!(
                 "mission.steps[{nth}]: formation.altitude_m is {altitude_m}, outside airspace.floor_m to airspace.ceiling_m"
             ));

@@ -105,8 +105,8 @@ pub struct External {
     misses_in_a_row: u32,
     /// Number of queries without a reply so far.
     pub(crate) misses: u64,
-    /// Whether the law flies the vehicle by now; `None` while it is suspended.
-    flies: Option<bool>,
+    /// Whether the fallback flies in the place of the law; `None` while the law is suspended.
+    pub(crate) fallback_flies: Option<bool>,
     /// Query and event to hand out after this step.
     ask: Option<LawQuery>,
     event: Option<EventKind>,
@@ -137,7 +137,7 @@ impl External {
     /// law is lost.
     pub fn output(&mut self, observation: &Observation<'_>) -> Option<(LawOutput, Option<f64>)> {
         self.query_if_due(observation);
-        self.flies = Some(!self.is_lost());
+        self.fallback_flies = Some(self.is_lost());
         if self.is_lost() {
             return None;
         }
@@ -196,18 +196,13 @@ impl External {
     /// Suspends the law while the vehicle does not fly a formation: its last reply is dropped.
     pub fn suspend(&mut self) {
         (self.next_query, self.pending, self.last, self.misses_in_a_row) = (None, None, None, 0);
-        self.flies = None;
+        self.fallback_flies = None;
     }
 
     /// Takes the query to send after this step, and adds the law's event to `happened`.
     pub fn take_query(&mut self, happened: &mut Vec<EventKind>) -> Option<LawQuery> {
         happened.extend(self.event.take());
         self.ask.take()
-    }
-
-    /// Whether the fallback flies in the place of the law; `None` while the law is suspended.
-    pub fn fallback_flies(&self) -> Option<bool> {
-        self.flies.map(|flies| !flies)
     }
 
     /// The numbers the law wants recorded.

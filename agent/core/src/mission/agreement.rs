@@ -147,11 +147,6 @@ impl Agreement {
         self.carry(step)
     }
 
-    /// Executes an operator's order that this vehicle be at no earlier step, whatever the others do.
-    pub fn send_ahead(&mut self, step: u32) -> Option<Progress> {
-        self.carry(step)
-    }
-
     /// Moves to the step the others vouch for, if it is later.
     pub fn follow(&mut self, others: &OtherStates<impl Iterator<Item = AgreementState> + Clone>) -> Option<Progress> {
         let vouched = others.states.clone().map(|part| part.vouched);
@@ -205,8 +200,9 @@ impl Agreement {
         others.states.clone().count() == 1 && !others.absent_may_fly && self.has_quorum(others)
     }
 
-    /// Moves to this step if it is later.
-    fn carry(&mut self, step: u32) -> Option<Progress> {
+    /// Moves to this step if it is later: alone, it executes an operator's order that this vehicle be at no earlier step,
+    /// whatever the others do.
+    pub fn carry(&mut self, step: u32) -> Option<Progress> {
         let step = step.min(self.last_step);
         (step > self.own.step).then(|| {
             let from = core::mem::replace(&mut self.own.step, step);
