@@ -44,7 +44,7 @@ struct Checked<'a> {
 }
 
 impl Checked<'_> {
-    /// The error at this place in the table, or of the table itself. `why` goes on after the path.
+    /// The error at this place in the table, or of the table itself. `why` continues after the path.
     fn fault(&self, place: Option<&Place>, why: &str) -> ScenarioError {
         self.texts.fault(place.unwrap_or(&self.node.place), &self.path, format!("`{}`{why}", self.path))
     }

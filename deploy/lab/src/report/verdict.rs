@@ -435,7 +435,7 @@ mod tests {
         pairs.into_iter().filter(meet).map(|pair| pair.map(|track| track.id)).collect()
     }
 
-    /// The vehicles that come down, none of which was to land, and when, s.
+    /// The vehicles that descend although none was to land, and when, s.
     fn crashed(recording: &Recording) -> Vec<(VehicleId, f64)> {
         let down = |track: &Track| {
             let heights = track.steps.windows(2).find(|pair| pair[0].trace.height_m > pair[1].trace.height_m)?;

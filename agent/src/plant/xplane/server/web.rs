@@ -22,7 +22,7 @@ pub struct Flight {
     pub place_deg: Option<[f64; 3]>,
     /// The weather, if it changes.
     pub weather: Option<Weather>,
-    /// What else changes: the local time of day, s, the date, counted from 0 on the first of January, and the weights of payload
+    /// All other changes: the local time of day, s, the date, counted from 0 on the first of January, and the weights of payload
     /// and fuel, kg. Of two values the last one counts.
     pub(in crate::plant::xplane) settings: Vec<(Setting, f64)>,
 }
