@@ -161,8 +161,8 @@ fn the_helicopter_of_a_killed_agent_flies_on_and_the_restarted_agent_takes_over(
 }
 
 /// A cut is noticed when the lease of its link is over, or when a peer was silent for as long: its last message came up to a
-/// tenth of a second before the cut, s.
-const CUT_NOTICED_S: std::ops::Range<f64> = 0.9..1.05;
+/// fifth of a second before the cut, s.
+const CUT_NOTICED_S: std::ops::Range<f64> = 0.8..1.05;
 
 #[test]
 fn a_killed_agent_is_noticed_in_two_frames_and_a_cut_after_a_second() {
