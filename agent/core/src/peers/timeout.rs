@@ -1,12 +1,13 @@
 //! How long a peer may be silent before it counts as lost.
 //!
-//! Agents send several messages a second. Over links that lose none of them, half of T_stale without any means that a peer
-//! hangs or is cut off. A link that loses messages shows it by gaps in the numbers of the heartbeats: over such a link, and
-//! from a peer that has just appeared, because a whole swarm is starting then, a silence may last T_stale.
+//! Agents send several messages a second. If a link loses none of them and nothing arrives over it for half of T_stale, its peer
+//! hangs or is cut off. A link that loses messages shows it by gaps in the numbers of the heartbeats. Over such a link a silence
+//! may last T_stale. So may that of a peer that has just appeared, because a whole swarm is starting then.
 //!
 //! When this computer is the slow one, a peer must not be suspected. Time in which the own agent did not run is not
-//! counted, and each sign of overload doubles all these times, up to twice T_stale. They are halved again after ten seconds
-//! without such a sign.
+//! counted, and after it every silence may last twice T_stale. A peer that was suspected and is back soon shows overload too:
+//! then a silence may last T_stale over every link, and after another such sign twice as long. After ten seconds without a
+//! sign the load is taken to be one step lower.
 
 use skein_common::time::LocalTime;
 

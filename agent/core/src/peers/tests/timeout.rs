@@ -120,3 +120,12 @@ fn no_peer_is_suspected_while_the_own_agent_is_late() {
     }
     watched.assert_lost_after(4.0);
 }
+
+#[test]
+fn a_suspected_peer_whose_last_message_comes_with_the_end_of_its_link_stays_lost() {
+    let mut watched = Watched::steady();
+    assert_eq!(watched.pass(1.5, Heartbeats::None).len(), 1, "suspected");
+    let last = mission(2, 1, watched.sent + 1, Membership::Active);
+    assert_eq!(watched.table.receive(watched.now_s + FRAME_S, &[last, PeerMessage::Vanished(id(2))]), []);
+    assert!(watched.table.0.in_contact().is_empty());
+}
