@@ -19,7 +19,7 @@ pub(super) fn check(texts: &Texts<'_>, written: &Node) -> Result<(), ScenarioErr
         return Err(texts.fault(&first_above.place, "mission.steps", message));
     }
     let at = |path: String, node| Some(Checked { texts, path, node, table: Node::table(node)? });
-    // The tables of a list with their places in it; what is no table is refused elsewhere.
+    // The tables of a list, each with its place in the list. Another check refuses values that are not tables.
     let items = |list: &'static str| {
         let nodes = written.at(list).map(Node::list).unwrap_or_default();
         nodes.iter().enumerate().filter_map(move |(index, node)| Some((index, at(format!("{list}[{index}]"), node)?)))

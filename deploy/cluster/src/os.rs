@@ -287,7 +287,7 @@ mod imp {
         i32::try_from(pid).ok().and_then(Pid::from_raw)
     }
 
-    /// The limit on the number of open files of this process; `None` if there is no limit.
+    /// The largest number of files that this process may have open. `None` if there is no limit.
     ///
     /// # Errors
     /// If the system does not report it.
