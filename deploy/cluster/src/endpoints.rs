@@ -189,6 +189,7 @@ mod tests {
     use skein_common::id::VehicleId;
 
     use super::*;
+    use crate::ports::LEFT_ALONE;
 
     fn endpoints(name: &str, agent: &str) -> Endpoints {
         Endpoints {
@@ -268,7 +269,7 @@ mod tests {
     fn of_two_swarms_one_has_to_be_named() {
         let folder = tempfile::tempdir().unwrap();
         os::set_mode(folder.path(), 0o700).unwrap();
-        let agents = [(); 2].map(|()| TcpListener::bind("127.0.0.1:0").unwrap());
+        let agents = [(); 2].map(|()| TcpListener::bind(LEFT_ALONE).unwrap());
         let [b, a] = agents.each_ref().map(|agent| format!("tcp/{}", agent.local_addr().unwrap()));
         let _b = endpoints("b", &b).leave(folder.path()).unwrap();
         let _a = endpoints("a", &a).leave(folder.path()).unwrap();
@@ -293,7 +294,7 @@ mod tests {
 
     #[test]
     fn an_agent_that_listens_is_found() {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let listener = TcpListener::bind(LEFT_ALONE).unwrap();
         let there = endpoints("a", &format!("tcp/{}", listener.local_addr().unwrap()));
         assert!(there.any_agent_answers());
         drop(listener);

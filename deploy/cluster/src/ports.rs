@@ -40,6 +40,11 @@ impl fmt::Display for HostPort {
     }
 }
 
+/// An address with a free port that no other program takes when a test has closed it, because programs do not listen there: this
+/// PC by another address than the usual one. macOS has only the usual one.
+#[cfg(test)]
+pub(crate) const LEFT_ALONE: &str = if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" };
+
 /// Returns `count` different TCP ports on which no process listens.
 ///
 /// # Errors

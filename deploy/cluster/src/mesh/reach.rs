@@ -232,6 +232,7 @@ mod tests {
 
     use super::*;
     use crate::inventory::tests::{TEAMS, fleet, lab};
+    use crate::ports::LEFT_ALONE;
 
     #[test]
     fn a_swarm_on_this_pc_and_a_cluster_cannot_both_be_chosen() {
@@ -254,8 +255,7 @@ mod tests {
         let chosen = choose_unnamed(&runtime, cluster(false)).unwrap();
         assert!(matches!(&chosen, Place::Cluster(chosen) if chosen.nodes.len() == 2), "{chosen:?}");
 
-        // At an address that no other test listens at: one of them might take the freed port.
-        let agent = TcpListener::bind(if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" }).unwrap();
+        let agent = TcpListener::bind(LEFT_ALONE).unwrap();
         let there = Endpoints {
             swarm: SwarmName::new("hover").unwrap(),
             pid: 1,
