@@ -104,7 +104,7 @@ pub(super) fn time(sending_s: f64) -> Result<MessageTime, String> {
     let sent = sent(&mesh);
     let mut repeat = Repeat::default();
     until(|| {
-        let all = mesh.iter_mut().fold(true, |all, sender| sender.has_received_up_to(&sent) && all);
+        let all = mesh.iter_mut().all(|sender| sender.has_received_up_to(&sent));
         if !all && repeat.is_due() {
             mesh.iter_mut().for_each(|sender| _ = sender.send_state());
         }
