@@ -40,7 +40,7 @@ pub(super) fn check(found: &Value, vehicles: usize) {
         assert_eq!(schema(&trace), json("skein.Trace"));
         assert_eq!(schema(&format!("/vehicle/{id}/location")), protobuf("foxglove.LocationFix"));
         let fixes = counts[&format!("/vehicle/{id}/location")].as_u64().unwrap();
-        assert!((1..=span_s as u64 * 2 + 2).contains(&fixes), "{fixes} in {span_s} s");
+        assert!((1..=(2.0 * span_s) as u64 + 2).contains(&fixes), "{fixes} in {span_s} s");
         let frame = format!("vehicle/{id}");
         let (last, traced) = (&found["last"][&frame], &found["traces"][id.to_string()]);
         let [north, east, down] = numbers(&traced["position"])[..] else { panic!("three numbers") };
