@@ -79,20 +79,7 @@ fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
 }
 
 #[test]
-fn a_received_step_is_on_disk_soon() {
-    a_kill_costs_little(5.0);
-}
-
-#[test]
-#[ignore = "needs a quiet PC: `.ci/long`"]
 fn a_received_step_is_on_disk_within_a_quarter_of_a_second() {
-    // The promised quarter of a second and one frame.
-    a_kill_costs_little(0.27);
-}
-
-/// Records a flight in two processes and kills one. A step may take this long to the disk, s, in the median, because the worst
-/// value depends on the load of the PC.
-fn a_kill_costs_little(within_s: f64) {
     let _share = Share::of_flight(4);
     let place = Place(tempfile::tempdir().unwrap());
     let (own, other) = (place.out().join(FILE), place.0.path().join("other.mcap"));
@@ -122,7 +109,9 @@ fn a_kill_costs_little(within_s: f64) {
         "delay until a step is on disk: median {:.3} s, worst {:.3} s; kill -9 cost {lost_s:.3} s",
         lags_s[10], lags_s[19]
     );
-    assert!(lags_s[10] <= within_s && lost_s <= 4.0 * within_s, "{lags_s:.3?} {lost_s:.3}");
+    // The promised quarter of a second and one frame. The median, because the worst value depends on the load of the PC.
+    assert!(lags_s[10] <= 0.27, "{lags_s:.3?}");
+    assert!(lost_s <= 1.0, "{lost_s}");
     let cut_off = read(&own).unwrap();
     let repaired = repair(&own).unwrap();
     let repaired = repaired.to.expect("the killed recorder left the file open");
