@@ -287,7 +287,7 @@ mod imp {
         i32::try_from(pid).ok().and_then(Pid::from_raw)
     }
 
-    /// The largest number of files that this process may have open. `None` if there is no limit.
+    /// Maximum number of open files of this process; `None` means unlimited.
     ///
     /// # Errors
     /// If the system does not report it.

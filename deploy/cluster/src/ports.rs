@@ -40,8 +40,8 @@ impl fmt::Display for HostPort {
     }
 }
 
-/// An address with a free port that no other program takes when a test has closed it, because programs do not listen there: this
-/// PC by another address than the usual one. macOS has only the usual one.
+/// Where a test listens at a free port of this PC that stays closed when the test has closed it: no program listens at this address
+/// and might take the port. macOS has only the usual address.
 #[cfg(test)]
 pub(crate) const LEFT_ALONE: &str = if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" };
 

@@ -406,7 +406,7 @@ mod tests {
     #[cfg(unix)]
     use crate::protocol::{Change, Facts, Installed};
     #[cfg(unix)]
-    use crate::ssh::tests::local;
+    use crate::ssh::tests::{local, write_script};
 
     #[test]
     fn run_numbers_are_unique() {
@@ -436,8 +436,7 @@ mod tests {
         let answer = serde_json::to_string(&Answer::Done(Change { changed: false, forced: false, facts })).unwrap();
         let program = folder.path().join("home/.skein/lab/releases/r1/skein");
         fs::create_dir_all(program.parent().unwrap()).unwrap();
-        fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >asked\necho '{answer}'\n")).unwrap();
-        os::set_mode(&program, 0o755).unwrap();
+        write_script(&program, &format!("read -r asked\necho \"$asked\" >asked\necho '{answer}'"));
         let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
         let mut rows: BTreeMap<_, _> = chosen.nodes().map(|node| (node.id, StartedNode::new(node))).collect();
         let remote = Remote { ssh: &ssh, swarm: &chosen.inventory.swarm };
@@ -458,8 +457,7 @@ mod tests {
         fs::create_dir_all(program.parent().unwrap()).unwrap();
         let answer =
             serde_json::to_string(&Answer::Placed(vec!["place ok: 0 m from its start, by UDP".to_owned()])).unwrap();
-        fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >>asked\necho '{answer}'\n")).unwrap();
-        os::set_mode(&program, 0o755).unwrap();
+        write_script(&program, &format!("read -r asked\necho \"$asked\" >>asked\necho '{answer}'"));
         let xplanes = "[defaults]\nplant = 'xplane'\nxplane = '127.0.0.1:49000'";
         let inventory = lab(folder.path(), 3, xplanes);
         let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };
@@ -487,8 +485,7 @@ mod tests {
         let program = folder.path().join("home/.skein/lab/releases/r1/skein");
         fs::create_dir_all(program.parent().unwrap()).unwrap();
         let answer = serde_json::to_string(&Answer::Carries(Some("1 agent asks for 1.2 cores".to_owned()))).unwrap();
-        fs::write(&program, format!("#!/bin/sh\nread -r asked\necho \"$asked\" >>asked\necho '{answer}'\n")).unwrap();
-        os::set_mode(&program, 0o755).unwrap();
+        write_script(&program, &format!("read -r asked\necho \"$asked\" >>asked\necho '{answer}'"));
         let full_of = |vehicles: usize, runs: bool| {
             let inventory = lab(folder.path(), vehicles, "");
             let chosen = ChosenNodes { ids: inventory.nodes.keys().copied().collect(), inventory };

@@ -9,7 +9,7 @@ use crate::findings::State;
 use crate::inventory::tests::lab;
 use crate::keys::command as cluster_keys;
 use crate::protocol::{Facts, Installed, RunningAgent};
-use crate::ssh::tests::{fake, heli};
+use crate::ssh::tests::{fake, heli, write_script};
 use skein_host::clock;
 
 /// Results for a host on which the programs in `bin` replace the system's.
@@ -19,9 +19,7 @@ fn asked(script: &str, bin: &[(&str, &str)]) -> host::Asked {
         fs::create_dir(folder.path().join(name)).unwrap();
     }
     for (name, text) in bin {
-        let path = folder.path().join("bin").join(name);
-        fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
-        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+        write_script(&folder.path().join("bin").join(name), text);
     }
     let ssh = fake(
         folder.path(),

@@ -56,7 +56,6 @@ mod tests {
     use std::net::TcpListener;
 
     use super::*;
-    use crate::ports::LEFT_ALONE;
 
     #[test]
     fn a_host_knows_its_addresses() {
@@ -67,7 +66,7 @@ mod tests {
     fn calls_are_accepted_or_refused() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let open = listener.local_addr().unwrap().to_string();
-        let closed = TcpListener::bind(LEFT_ALONE).unwrap().local_addr().unwrap().to_string();
+        let closed = "127.0.0.1:1".to_owned();
         let reached = reach(&[open, closed, "no.such.host.invalid:1".to_owned(), "127.0.0.1".to_owned()]);
         assert_eq!(reached[..2], [Reached::Taken, Reached::Refused]);
         assert!(matches!(&reached[2..3], [Reached::No(Cause::Name, _)]), "{reached:?}");

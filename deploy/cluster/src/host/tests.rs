@@ -8,8 +8,8 @@ use super::systemd::Systemd;
 use super::*;
 use crate::bundle::{Bundle, BundleFile};
 use crate::inventory::ServiceKind;
-use crate::os;
 use crate::protocol::{Facts, Service};
+use crate::ssh::tests::write_script;
 
 const REMOVE: Ask = Ask::Remove { within_s: 20.0 };
 
@@ -183,14 +183,10 @@ fn a_request_does_not_wait_for_the_end_of_the_input() {
 fn systemd_starts_and_stops_the_active_install() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let script = |path: &Path, text: &str| {
-        fs::write(path, format!("#!/bin/sh\n{text}\n")).unwrap();
-        os::set_mode(path, 0o755).unwrap();
-    };
     let (bin, run) = (at.join("bin"), at.join("skein/lab/node-1/run"));
     fs::create_dir(&bin).unwrap();
     let run_text = run.display();
-    script(
+    write_script(
         &bin.join("systemctl"),
         &format!(
             "case \"$*\" in *reset-failed*) ;;\n\
@@ -198,12 +194,12 @@ fn systemd_starts_and_stops_the_active_install() {
              *stop*) kill $(cat {run_text}/pid) ;; esac"
         ),
     );
-    script(&bin.join("loginctl"), "echo Linger=yes");
+    write_script(&bin.join("loginctl"), "echo Linger=yes");
     let path = std::env::join_paths([bin, "/usr/bin".into(), "/bin".into()]).unwrap();
     let place =
         SwarmFolder { systemd: Systemd { is_users: true, units: at.join("units"), path: Some(path) }, ..place(at) };
     let agent = r#"{"process":{"pid":%s,"began":null},"restarts":0}"#;
-    script(
+    write_script(
         &place.releases().join("r1/skein"),
         &format!("printf '{agent}' $$ >{run_text}/agent.json; echo $$ >{run_text}/pid; exec sleep 60"),
     );

@@ -1,6 +1,8 @@
 //! Tests with a script in place of `ssh`.
 
 use std::fs;
+use std::io::Write;
+use std::process::{Command, Stdio};
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
@@ -8,6 +10,19 @@ use skein_common::scenario::PlantKind;
 
 use super::*;
 use crate::inventory::{Install, ServiceKind};
+
+/// Makes a program of a shell script. Another process writes the file: programs that other tests start have copies of the files that
+/// this process has open, for a moment, and a program that is open for writing does not start.
+pub(crate) fn write_script(path: &Path, text: &str) {
+    let mut writer = Command::new("sh")
+        .args(["-c", "cat >\"$0\" && chmod 755 \"$0\""])
+        .arg(path)
+        .stdin(Stdio::piped())
+        .spawn()
+        .unwrap();
+    writer.stdin.take().unwrap().write_all(format!("#!/bin/sh\n{text}\n").as_bytes()).unwrap();
+    assert!(writer.wait().unwrap().success());
+}
 
 /// An `ssh` that writes its arguments to the file `arguments`, one a line, and then runs this script with the command in
 /// `$command`.

@@ -6,6 +6,7 @@ use super::*;
 use crate::host::node::{ACTIVE, RUN};
 use crate::host::place::SwarmFolder;
 use crate::protocol::Installed;
+use crate::ssh::tests::write_script;
 use skein_common::id::SwarmName;
 
 /// A host whose `systemctl` and `loginctl` record their arguments.
@@ -21,9 +22,8 @@ impl Host {
         fs::create_dir(&bin).unwrap();
         for program in ["systemctl", "loginctl"] {
             let calls = folder.path().join("calls");
-            let script = format!("#!/bin/sh\necho {program} \"$@\" >>{}\necho Linger=no\n", calls.display());
-            fs::write(bin.join(program), script).unwrap();
-            os::set_mode(&bin.join(program), 0o755).unwrap();
+            let script = format!("echo {program} \"$@\" >>{}\necho Linger=no", calls.display());
+            write_script(&bin.join(program), &script);
         }
         let path = std::env::join_paths([bin, "/usr/bin".into(), "/bin".into()]).unwrap();
         let systemd = Systemd { is_users, units: folder.path().join("units"), path: Some(path) };
@@ -93,8 +93,7 @@ fn the_systems_instance_does_not_need_lingering() {
 #[test]
 fn an_error_of_systemd_is_reported_with_its_own_message() {
     let host = Host::new(true);
-    let failing = "#!/bin/sh\necho 'Failed to connect to bus' >&2; exit 1\n";
-    fs::write(host.folder.path().join("bin/systemctl"), failing).unwrap();
+    write_script(&host.folder.path().join("bin/systemctl"), "echo 'Failed to connect to bus' >&2; exit 1");
     let error = host.systemd.ready().unwrap_err();
     assert_eq!(error, "systemctl --user show --property=Version: Failed to connect to bus");
     // Without a unit there is nothing to stop.

@@ -7,7 +7,6 @@ use clap::Parser;
 use skein_agent::plant::xplane::standin::{Standin, StandinOptions};
 
 use super::*;
-use crate::ports::LEFT_ALONE;
 
 #[derive(Parser)]
 struct Cli {
@@ -54,8 +53,7 @@ fn refusal_and_absence_differ() {
         let error = WebApi::open(at).unwrap_err();
         assert!(error.to_string().contains("\"Accept incoming connections\" is off"), "{error}");
     });
-    let nobody = TcpListener::bind(LEFT_ALONE).unwrap().local_addr().unwrap();
-    let error = WebApi::open(&nobody.to_string().parse().unwrap()).unwrap_err();
+    let error = WebApi::open(&"127.0.0.1:1".parse().unwrap()).unwrap_err();
     assert!(matches!(error, WebError::Absent(..)), "{error}");
 }
 
