@@ -434,9 +434,10 @@ impl Flight {
             }
         }
         // On a busy PC the observer may receive nothing of a vehicle for a moment.
-        let is_active = |vehicle: &Vehicle| vehicle.is_there && vehicle.is_active;
-        let all = |snapshot: &Snapshot| ids.iter().all(|id| snapshot.of(*id).is_some_and(is_active));
-        sky.wait(30, now_s(), "all of them are active members", all);
+        let all_are =
+            |snapshot: &Snapshot, are: fn(&Vehicle) -> bool| ids.iter().all(|id| snapshot.of(*id).is_some_and(are));
+        sky.wait(30, now_s(), "all of them are received", |snapshot| all_are(snapshot, |vehicle| vehicle.is_there));
+        assert!(all_are(&sky.now(), |vehicle| vehicle.is_active));
     }
 }
 
