@@ -1,8 +1,8 @@
 //! How long a peer may be silent before it counts as lost.
 //!
-//! Agents send several messages a second. If a link loses none of them and nothing arrives over it for half of T_stale, its peer
-//! hangs or is cut off. A link that loses messages shows it by gaps in the numbers of the heartbeats. Over such a link a silence
-//! may last T_stale. So may that of a peer that has just appeared, because a whole swarm is starting then.
+//! Agents send several messages a second. Over a link that loses no messages, a silence of half of T_stale means that the peer hangs
+//! or is cut off. Over a link that loses messages, a silence may last T_stale. Gaps in the numbers of the heartbeats show that a link
+//! loses messages. A peer that has just appeared may also be silent for T_stale, because a whole swarm is starting then.
 //!
 //! When this computer is the slow one, a peer must not be suspected. Time in which the own agent did not run is not
 //! counted, and after it every silence may last twice T_stale. A peer that was suspected and is back soon shows overload too:
