@@ -15,6 +15,7 @@
 mod channel;
 mod channels;
 mod cuts;
+mod draw;
 mod link;
 mod strangers;
 
@@ -205,7 +206,7 @@ impl Impairments {
         let Self { links, delays, in_flight, channels, delivery_counts, .. } = self;
         let Some(flown_s) = flown_s else { return };
         for link in links {
-            let delay_s = channels.as_ref().map_or(self.delay_s, |channels| channels.delay_s(Some(link.peer())))
+            let delay_s = channels.as_ref().map_or(self.delay_s, |channels| channels.delay_s(link.peer()))
                 + delays.s(Some(flown_s), link.peer());
             link.update(flown_s, now, |received| {
                 delivery_counts.offered += 1;

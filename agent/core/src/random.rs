@@ -6,10 +6,10 @@ use core::f64::consts::TAU;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use skein_common::id::VehicleId;
+use skein_common::id::{Incarnation, VehicleId};
 use skein_common::math;
 
-/// The purpose of random numbers. The discriminants are part of the meaning of a seed: never reuse one.
+/// The purpose of random numbers. The discriminants are part of the meaning of a seed: never reuse one, 6 and 12 neither.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Purpose {
@@ -23,8 +23,6 @@ pub enum Purpose {
     Network = 4,
     /// The seed passed to a law.
     Law = 5,
-    /// Impairments of one direction of a link.
-    Link = 6,
     /// Errors of a vehicle's measured position.
     PositionSensor = 7,
     /// Errors of a vehicle's measured velocity.
@@ -35,10 +33,10 @@ pub enum Purpose {
     RateSensor = 10,
     /// Dropouts of a vehicle's measurements.
     SensorDropout = 11,
-    /// Impairments of the states of other teams at a vehicle.
-    Strangers = 12,
     /// Frame lengths and lost datagrams of a stand-in for X-Plane.
     Simulator = 13,
+    /// Impairments of messages in the network.
+    Message = 14,
     /// Choices across many runs: the points a sweep samples, the runs a bootstrap draws.
     Study = 64,
 }
@@ -52,11 +50,17 @@ pub fn generator(seed: u64, vehicle: Option<VehicleId>, purpose: Purpose) -> Cha
     generator
 }
 
-/// The stream of one direction of a link, from `sender` (`None`: an operator) to `receiver`.
-pub fn link_generator(seed: u64, sender: Option<VehicleId>, receiver: VehicleId) -> ChaCha8Rng {
-    let mut generator = generator(seed, Some(receiver), Purpose::Link);
-    let sender = sender.map_or(0, VehicleId::get);
-    generator.set_stream(generator.get_stream() | u64::from(sender) << 40);
+/// The key of all streams of a seed.
+pub fn key(seed: u64) -> [u8; 32] {
+    ChaCha8Rng::seed_from_u64(seed).get_seed()
+}
+
+/// The stream of the numbers that decide the same (`draw`) of all messages of this incarnation of a sender, whose number is
+/// below 2²¹. `key` is that of the seed.
+pub fn network_generator(key: [u8; 32], sender: u32, draw: u8, incarnation: Incarnation) -> ChaCha8Rng {
+    let mut generator = ChaCha8Rng::from_seed(key);
+    let sent_by = u64::from(sender) << 16 | incarnation.0 << 37;
+    generator.set_stream(sent_by | u64::from(draw) << 8 | Purpose::Message as u64);
     generator
 }
 
@@ -99,9 +103,9 @@ mod tests {
                 }
             }
         }
-        let id = |number| VehicleId::new(number).unwrap();
-        for (sender, receiver) in [(None, 1), (Some(1), 1), (Some(1), 2), (Some(2), 1), (Some(250), 250)] {
-            draws.push(link_generator(1, sender.map(id), id(receiver)).next_u64());
+        // Messages additionally have a sender and an incarnation.
+        for (sender, draw, incarnation) in [(0, 0, 1), (1, 0, 1), (1, 0, 2), (1, 1, 1), (2, 0, 1), ((1 << 21) - 1, 255, 1)] {
+            draws.push(network_generator(key(1), sender, draw, Incarnation(incarnation)).next_u64());
         }
         let count = draws.len();
         draws.sort_unstable();

@@ -1,20 +1,17 @@
 //! One direction of a link: what happens to a message in flight.
 //!
 //! In this order: the message waits for the bandwidth and may be dropped in the queue, it may be lost, it is delayed,
-//! it may be duplicated. Six numbers are drawn for every message, whatever the settings, from a stream of this
-//! direction alone. So one impairment does not change the effect of another, and the delivery of a vehicle's n-th
-//! message is independent of all other vehicles.
+//! it may be duplicated. All of this but the queue follows from the seed and from the message's number (`draw.rs`).
 
-use rand_chacha::ChaCha8Rng;
 use skein_common::id::VehicleId;
+use skein_common::math;
 use skein_common::message;
 use skein_common::scenario::Quality;
 use skein_common::time::LocalTime;
 
 use super::Delivery;
-use crate::gilbert::Gilbert;
+use super::draw::{Draw, Draws, MessageKey};
 use crate::peers::PeerMessage;
-use crate::random::{self, Purpose};
 
 /// Size of a message on the wire beyond its encoding, bytes. Measured on a mesh of TCP links: 20 of Zenoh's framing and
 /// 52 of IPv4 and TCP with timestamps, with piggybacked acknowledgements. Ethernet's preamble, header, checksum and gap
@@ -22,97 +19,82 @@ use crate::random::{self, Purpose};
 const OVERHEAD_BYTES: usize = 20 + 52 + 38;
 /// Size of a state's complete key, sent because it changes with the cell: `hover/vehicle/3/cell/0/-1/state`.
 const STATE_KEY_BYTES: usize = 30;
+/// Shortest mean duration of a burst, s. Messages are farther apart, so that shorter bursts have the same effect.
+const SHORTEST_BURST_S: f64 = 0.001;
 
-/// The receiver's end of one direction of a link.
-#[derive(Clone, Debug)]
+/// What one direction of a link remembers from one message to the next.
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Channel {
-    quality: Quality,
-    generator: ChaCha8Rng,
-    burst: Option<Burst>,
     /// Time at which the last queued message has left the queue.
     free_at: LocalTime,
+    burst: Burst,
 }
 
-/// The random numbers of one message, each evenly distributed in [0, 1).
-struct Chance {
-    loss: f64,
-    distance: f64,
-    jitter: f64,
-    reorder: f64,
-    duplicate: f64,
-    copy: f64,
+/// One direction of a link: its sender's number, its receiver and its settings.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Direction<'a> {
+    pub(super) sender: u32,
+    pub(super) receiver: VehicleId,
+    pub(super) quality: &'a Quality,
 }
 
 impl Channel {
-    /// The direction from `sender`, `None` for an operator, to `receiver`.
-    pub(super) fn new(quality: Quality, seed: u64, sender: Option<VehicleId>, receiver: VehicleId) -> Self {
-        Self::with(quality, random::link_generator(seed, sender, receiver))
-    }
-
-    /// The channel that carries the states of all vehicles of other teams to `receiver`. It has no bandwidth: they share
-    /// no link.
-    pub(super) fn of_strangers(quality: Quality, seed: u64, receiver: VehicleId) -> Self {
-        let quality = Quality { bandwidth_bit_s: None, ..quality };
-        Self::with(quality, random::generator(seed, Some(receiver), Purpose::Strangers))
-    }
-
-    fn with(quality: Quality, generator: ChaCha8Rng) -> Self {
-        let burst = quality.burst_s.map(|mean_s| Burst { model: Gilbert::new(quality.loss, mean_s), before: None });
-        Self { quality, generator, burst, free_at: LocalTime::ZERO }
-    }
-
-    /// Delivery of a message sent at `at`, with this share of messages lost by distance.
-    pub(super) fn fate(&mut self, message: &PeerMessage, at: LocalTime, lost_by_distance: f64) -> Delivery {
-        self.fate_of(|| size_bytes(message), at, lost_by_distance)
-    }
-
-    /// Delivery of a message of this size, bytes, as in [`Self::fate`].
-    pub(super) fn fate_of(
+    /// Delivery of a message of this size, bytes, sent at `at`, with this share of messages lost by distance.
+    pub(super) fn fate(
         &mut self,
-        size_bytes: impl FnOnce() -> usize,
+        draws: &Draws,
+        direction: &Direction<'_>,
+        (key, size_bytes): (&MessageKey, impl FnOnce() -> usize),
         at: LocalTime,
         lost_by_distance: f64,
     ) -> Delivery {
-        let chance = self.draw();
-        let Some(sent_at) = self.through_queue(size_bytes, at) else { return Delivery::QueueFull };
-        let is_lost = match &mut self.burst {
-            Some(burst) => burst.is_on(sent_at, chance.loss),
-            None => chance.loss < self.quality.loss,
-        };
-        if chance.distance < lost_by_distance {
-            return Delivery::OutOfRange;
-        }
-        if is_lost {
-            return Delivery::Lost;
-        }
-        let Quality { delay_s, jitter_s, reorder, reorder_s, duplicate, .. } = self.quality;
-        let held_s = if chance.reorder < reorder { reorder_s } else { 0.0 };
-        let at = sent_at.plus_seconds(delay_s + chance.jitter * jitter_s + held_s);
-        // The copy arrives later, as a retransmission does. So copies only repeat known content.
-        let copy_at = (chance.duplicate < duplicate).then(|| at.plus_seconds(chance.copy * jitter_s));
-        Delivery::Arrives { at, copy_at }
-    }
-
-    /// The delay of every message, liveliness tokens included, s.
-    pub(super) fn delay_s(&self) -> f64 {
-        self.quality.delay_s
-    }
-
-    fn draw(&mut self) -> Chance {
-        let mut next = || random::uniform(&mut self.generator);
-        Chance { loss: next(), distance: next(), jitter: next(), reorder: next(), duplicate: next(), copy: next() }
+        let Direction { sender, receiver, quality } = *direction;
+        let Some(sent_at) = self.through_queue(quality, size_bytes, at) else { return Delivery::QueueFull };
+        let of_link = |nth| draws.of_link(sender, nth, receiver);
+        let is_in_burst = quality.burst_s.map(|mean_s| self.burst.is_on((quality.loss, mean_s), sent_at, of_link));
+        delivery(quality, |what| draws.of(what, key, receiver), sent_at, is_in_burst, lost_by_distance)
     }
 
     /// The time at which the message has left the queue; `None` if it would have to wait too long.
-    fn through_queue(&mut self, size_bytes: impl FnOnce() -> usize, at: LocalTime) -> Option<LocalTime> {
-        let Some(bandwidth_bit_s) = self.quality.bandwidth_bit_s else { return Some(at) };
+    pub(super) fn through_queue(
+        &mut self,
+        quality: &Quality,
+        size_bytes: impl FnOnce() -> usize,
+        at: LocalTime,
+    ) -> Option<LocalTime> {
+        let Some(bandwidth_bit_s) = quality.bandwidth_bit_s else { return Some(at) };
         let begins_at = self.free_at.max(at);
-        if begins_at.seconds_since(at) > self.quality.queue_s {
+        if begins_at.seconds_since(at) > quality.queue_s {
             return None;
         }
         self.free_at = begins_at.plus_seconds(8.0 * size_bytes() as f64 / bandwidth_bit_s);
         Some(self.free_at)
     }
+}
+
+/// Delivery of a message that has left the queue at `sent_at`, by its random numbers. `is_in_burst` is whether its link is in a
+/// burst of losses, `None` if each message is lost by itself.
+pub(super) fn delivery(
+    quality: &Quality,
+    chance: impl Fn(Draw) -> f64,
+    sent_at: LocalTime,
+    is_in_burst: Option<bool>,
+    lost_by_distance: f64,
+) -> Delivery {
+    let happens = |what, share| share > 0.0 && chance(what) < share;
+    if happens(Draw::Distance, lost_by_distance) {
+        return Delivery::OutOfRange;
+    }
+    if is_in_burst.unwrap_or_else(|| happens(Draw::Loss, quality.loss)) {
+        return Delivery::Lost;
+    }
+    let Quality { delay_s, jitter_s, reorder, reorder_s, duplicate, .. } = *quality;
+    let jitter_of = |what| if jitter_s > 0.0 { chance(what) * jitter_s } else { 0.0 };
+    let held_s = if happens(Draw::Reorder, reorder) { reorder_s } else { 0.0 };
+    let at = sent_at.plus_seconds(delay_s + jitter_of(Draw::Jitter) + held_s);
+    // The copy arrives later, as a retransmission does. So copies only repeat known content.
+    let copy_at = happens(Draw::Duplicate, duplicate).then(|| at.plus_seconds(jitter_of(Draw::Copy)));
+    Delivery::Arrives { at, copy_at }
 }
 
 /// Size of a message on the wire, bytes.
@@ -126,19 +108,32 @@ pub(super) fn size_bytes(message: &PeerMessage) -> usize {
     encoded + OVERHEAD_BYTES
 }
 
-/// Loss in bursts. Counted in time, not in messages: a fade does not pass sooner because more messages are sent.
-#[derive(Clone, Copy, Debug)]
-struct Burst {
-    model: Gilbert,
-    /// Time of the last message.
-    before: Option<LocalTime>,
+/// Loss in bursts: a link is in a burst and without one by turns, each for an exponentially distributed time (Gilbert 1960,
+/// "Capacity of a burst-noise channel", in continuous time; with Elliott's 1963 loss probabilities 0 and 1). Counted in
+/// time, not in messages: a fade does not pass sooner because more messages are sent.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Burst {
+    /// Number of turns so far, the present one included; zero before the first message.
+    turns: u32,
+    is_on: bool,
+    /// End of the present turn.
+    until: LocalTime,
 }
 
 impl Burst {
-    /// Whether the link is bad at `at`; `chance` is evenly distributed in [0, 1).
-    fn is_on(&mut self, at: LocalTime, chance: f64) -> bool {
-        let since_s = self.before.map_or(0.0, |before| at.seconds_since(before));
-        self.before = Some(at);
-        self.model.is_bad(since_s, chance)
+    /// Whether the link is in a burst at `at`, if it is so for this share of all time, each time for this mean duration, s.
+    /// `chance` gives the numbers of the link by their place, evenly distributed in [0, 1).
+    pub(super) fn is_on(&mut self, (share, mean_s): (f64, f64), at: LocalTime, chance: impl Fn(u64) -> f64) -> bool {
+        if share <= 0.0 || share >= 1.0 {
+            return share >= 1.0;
+        }
+        let mean_s = mean_s.max(SHORTEST_BURST_S);
+        while self.turns == 0 || at >= self.until {
+            self.is_on = if self.turns == 0 { chance(0) < share } else { !self.is_on };
+            self.turns += 1;
+            let turn_s = if self.is_on { mean_s } else { mean_s * (1.0 - share) / share };
+            self.until = self.until.plus_seconds(-turn_s * math::ln(1.0 - chance(self.turns.into())));
+        }
+        self.is_on
     }
 }

@@ -9,16 +9,23 @@ use skein_common::scenario::{Graph, Network, Quality, Scenario};
 use skein_common::time::LocalTime;
 
 use super::Delivery;
-use super::channel::Channel;
+use super::channel::{Channel, Direction, size_bytes};
+use super::draw::{Draws, MessageKey};
 use crate::peers::{PeerMessage, Received};
 
 /// All channels to one receiving vehicle.
 #[derive(Clone, Debug)]
 pub(super) struct ReceiverChannels {
+    own: VehicleId,
+    draws: Draws,
+    /// The settings of every link, and those of the links from single senders that have others, by id.
+    quality: Quality,
+    particular: Vec<(VehicleId, Quality)>,
     /// The other vehicles, by id.
     senders: Vec<Sender>,
-    /// The channel for orders from operators. An operator has no position, so range does not apply.
+    /// The channel for orders from operators, and their number so far. An operator has no position, so range does not apply.
     operator: Channel,
+    orders: u64,
     range: Option<Range>,
     selection: NeighbourSelection,
     /// Age beyond which a sender is not selected as one of the nearest, s.
@@ -86,10 +93,6 @@ impl ReceiverChannels {
         if links.is_empty() && range_m.is_none() && graph == Graph::All && only_delays(&everywhere) {
             return None;
         }
-        let sender = |id| {
-            let quality = scenario.network.link(id, own);
-            Sender { id, channel: Channel::new(quality, scenario.seed, Some(id), own), place: None }
-        };
         let selection = match graph {
             Graph::All => NeighbourSelection::All,
             Graph::Edges => {
@@ -102,9 +105,16 @@ impl ReceiverChannels {
                 distances: Vec::new(),
             },
         };
+        let senders = scenario.ids().filter(|&id| id != own);
+        let particular = senders.clone().map(|id| (id, scenario.network.link(id, own)));
         Some(Self {
-            senders: scenario.ids().filter(|&id| id != own).map(sender).collect(),
-            operator: Channel::new(everywhere, scenario.seed, None, own),
+            own,
+            draws: Draws::new(scenario.seed),
+            quality: everywhere,
+            particular: particular.filter(|(_, quality)| *quality != everywhere).collect(),
+            senders: senders.map(|id| Sender { id, channel: Channel::default(), place: None }).collect(),
+            operator: Channel::default(),
+            orders: 0,
             range: Range::of(&scenario.network),
             selection,
             stale_s: scenario.network.peer_stale_s,
@@ -130,16 +140,22 @@ impl ReceiverChannels {
     /// Delivery of a message. With `is_cut` the link is dead, so the sender's reported position is not taken over.
     pub(super) fn fate(&mut self, received: &Received, is_cut: bool) -> Delivery {
         let Received { message, at } = received;
-        let Some(sender_id) = message.sender() else { return self.operator.fate(message, *at, 0.0) };
+        let key = MessageKey::of(message, self.orders);
+        let Some(sender_id) = message.sender() else {
+            self.orders += 1;
+            let direction = Direction { sender: 0, receiver: self.own, quality: &self.quality };
+            return self.operator.fate(&self.draws, &direction, (&key, || size_bytes(message)), *at, 0.0);
+        };
         let index = self.senders.binary_search_by_key(&sender_id, |sender| sender.id);
         // A message with a false sender id passes: the agent counts those.
         let Some(sender) = index.ok().and_then(|index| self.senders.get_mut(index)) else {
             return Delivery::Arrives { at: *at, copy_at: None };
         };
+        let quality = quality_from(sender_id, &self.particular, &self.quality);
         match message {
             PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => {
                 sender.place = None;
-                return Delivery::Arrives { at: at.plus_seconds(sender.channel.delay_s()), copy_at: None };
+                return Delivery::Arrives { at: at.plus_seconds(quality.delay_s), copy_at: None };
             }
             PeerMessage::State(payload) => {
                 if !is_cut {
@@ -153,15 +169,24 @@ impl ReceiverChannels {
         }
         let distance_m = self.own_position.zip(sender.place).map(|(own, (other, _))| (own - other).norm());
         let lost_by_distance = self.range.zip(distance_m).map_or(0.0, |(range, distance_m)| range.loss_at(distance_m));
-        sender.channel.fate(message, *at, lost_by_distance)
+        let direction = Direction { sender: sender_id.get().into(), receiver: self.own, quality };
+        sender.channel.fate(&self.draws, &direction, (&key, || size_bytes(message)), *at, lost_by_distance)
     }
 
-    /// The delay of every message from this sender, s.
-    pub(super) fn delay_s(&self, sender: Option<VehicleId>) -> f64 {
-        let of = |id| self.senders.binary_search_by_key(&id, |sender| sender.id).ok();
-        let sender = sender.and_then(of).and_then(|index| self.senders.get(index));
-        sender.map_or(&self.operator, |sender| &sender.channel).delay_s()
+    /// The delay of every message from this sender, liveliness tokens included, s.
+    pub(super) fn delay_s(&self, sender: VehicleId) -> f64 {
+        quality_from(sender, &self.particular, &self.quality).delay_s
     }
+}
+
+/// The settings of the link from this sender.
+fn quality_from<'a>(
+    sender: VehicleId,
+    particular: &'a [(VehicleId, Quality)],
+    everywhere: &'a Quality,
+) -> &'a Quality {
+    let listed = particular.binary_search_by_key(&sender, |(id, _)| *id).ok();
+    listed.and_then(|nth| particular.get(nth)).map_or(everywhere, |(_, quality)| quality)
 }
 
 impl NeighbourSelection {

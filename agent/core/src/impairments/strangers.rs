@@ -8,21 +8,24 @@ use alloc::vec::Vec;
 
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
-use skein_common::scenario::Scenario;
+use skein_common::scenario::{Quality, Scenario};
 use skein_common::time::LocalTime;
 
 use super::Delivery;
-use super::channel::Channel;
+use super::channel::{Channel, Direction};
 use super::channels::{Range, only_delays};
+use super::draw::{Draws, MessageKey, STRANGERS};
 use crate::intent::ReceivedIntent;
 use crate::strangers::StrangerState;
 
 /// The impairments of the states of strangers at one receiver.
 #[derive(Clone, Debug)]
 pub struct StrangerImpairments {
-    delay_s: f64,
+    own: VehicleId,
+    /// The settings of the channel, which has no bandwidth: the strangers share no link.
+    quality: Quality,
     /// Random impairments; `None` if there is only the delay.
-    channel: Option<Channel>,
+    random: Option<(Draws, Channel)>,
     range: Option<Range>,
     /// States and intents in flight, the earliest arrival first.
     in_flight: VecDeque<StrangerState>,
@@ -32,11 +35,12 @@ pub struct StrangerImpairments {
 impl StrangerImpairments {
     /// The impairments of vehicle `own` at the start of its agent.
     pub fn new(scenario: &Scenario, own: VehicleId) -> Self {
-        let quality = scenario.network.quality();
+        let quality = Quality { bandwidth_bit_s: None, ..scenario.network.quality() };
         let is_random = !only_delays(&quality) || scenario.network.range_m.is_some();
         Self {
-            delay_s: quality.delay_s,
-            channel: is_random.then(|| Channel::of_strangers(quality, scenario.seed, own)),
+            own,
+            quality,
+            random: is_random.then(|| (Draws::new(scenario.seed), Channel::default())),
             range: Range::of(&scenario.network),
             in_flight: VecDeque::new(),
             intents: VecDeque::new(),
@@ -45,14 +49,15 @@ impl StrangerImpairments {
 
     /// Whether every state arrives at once.
     pub fn is_perfect(&self) -> bool {
-        self.delay_s == 0.0 && self.channel.is_none()
+        self.quality.delay_s == 0.0 && self.random.is_none()
     }
 
     /// Takes the state that an ideal network delivers at `state.at`, and that is handed over now: it arrives at the earliest
     /// now. `own` is the receiver's position if it knows it.
     pub fn send(&mut self, state: StrangerState, now: LocalTime, own: Option<PositionNed>) {
         let distance_m = own.map(|own| (own - state.position).norm());
-        for at in self.arrivals(state.at, now, distance_m).into_iter().flatten() {
+        let key = MessageKey::of_state(state.id, state.order);
+        for at in self.arrivals(&key, state.at, now, distance_m).into_iter().flatten() {
             let place = self.in_flight.partition_point(|earlier| earlier.at <= at);
             self.in_flight.insert(place, StrangerState { at, ..state });
         }
@@ -61,19 +66,30 @@ impl StrangerImpairments {
     /// Takes the intent that an ideal network delivers at `intent.at`, as [`Self::send`] takes a state. An intent has no
     /// position of its sender, so range does not apply.
     pub fn send_intent(&mut self, intent: ReceivedIntent, now: LocalTime) {
-        for at in self.arrivals(intent.at, now, None).into_iter().flatten() {
+        let key = MessageKey::of_intent(intent.id, intent.order);
+        for at in self.arrivals(&key, intent.at, now, None).into_iter().flatten() {
             let place = self.intents.partition_point(|earlier| earlier.at <= at);
             self.intents.insert(place, ReceivedIntent { at, ..intent });
         }
     }
 
     /// The arrivals of a message and its copy that an ideal network delivers at `at`, from this distance.
-    fn arrivals(&mut self, at: LocalTime, now: LocalTime, distance_m: Option<f64>) -> [Option<LocalTime>; 2] {
+    fn arrivals(
+        &mut self,
+        key: &MessageKey,
+        at: LocalTime,
+        now: LocalTime,
+        distance_m: Option<f64>,
+    ) -> [Option<LocalTime>; 2] {
         let lost_by_distance = self.range.zip(distance_m).map_or(0.0, |(range, distance_m)| range.loss_at(distance_m));
-        let delivery = match &mut self.channel {
-            None => Delivery::Arrives { at: at.plus_seconds(self.delay_s), copy_at: None },
+        let Self { own, quality, .. } = self;
+        let delivery = match &mut self.random {
+            None => Delivery::Arrives { at: at.plus_seconds(quality.delay_s), copy_at: None },
             // The size matters for the bandwidth alone, which is without limit here.
-            Some(channel) => channel.fate_of(|| 0, at, lost_by_distance),
+            Some((draws, channel)) => {
+                let direction = Direction { sender: STRANGERS, receiver: *own, quality };
+                channel.fate(draws, &direction, (key, || 0), at, lost_by_distance)
+            }
         };
         match delivery {
             Delivery::Arrives { at, copy_at } => [Some(at), copy_at].map(|at| at.map(|at| at.max(now))),
