@@ -104,7 +104,9 @@ mod tests {
             }
         }
         // Messages additionally have a sender and an incarnation.
-        for (sender, draw, incarnation) in [(0, 0, 1), (1, 0, 1), (1, 0, 2), (1, 1, 1), (2, 0, 1), ((1 << 21) - 1, 255, 1)] {
+        for (sender, draw, incarnation) in
+            [(0, 0, 1), (1, 0, 1), (1, 0, 2), (1, 1, 1), (2, 0, 1), ((1 << 21) - 1, 255, 1)]
+        {
             draws.push(network_generator(key(1), sender, draw, Incarnation(incarnation)).next_u64());
         }
         let count = draws.len();

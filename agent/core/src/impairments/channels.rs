@@ -180,11 +180,7 @@ impl ReceiverChannels {
 }
 
 /// The settings of the link from this sender.
-fn quality_from<'a>(
-    sender: VehicleId,
-    particular: &'a [(VehicleId, Quality)],
-    everywhere: &'a Quality,
-) -> &'a Quality {
+fn quality_from<'a>(sender: VehicleId, particular: &'a [(VehicleId, Quality)], everywhere: &'a Quality) -> &'a Quality {
     let listed = particular.binary_search_by_key(&sender, |(id, _)| *id).ok();
     listed.and_then(|nth| particular.get(nth)).map_or(everywhere, |(_, quality)| quality)
 }
