@@ -326,6 +326,63 @@ fn the_same_seed_gives_identical_deliveries_that_differ_per_direction() {
     assert_ne!(of(&log(1, 2)), of(&log(1, 3)), "two receivers of the same sender");
 }
 
+/// The losses of 20,000 messages over a network that loses half of them: 1 for a lost message, -1 for a received one.
+fn losses(seed: u64, own: u8, message: impl Fn(u64) -> PeerMessage) -> Vec<f64> {
+    let mut receiver = Receiver::new(&network(seed, "loss = 0.5"), own);
+    let mut is_lost = |nth| receiver.receive(nth as f64 * FRAME_S, [message(nth)]).is_empty();
+    (1..=20_000).map(|nth| if is_lost(nth) { 1.0 } else { -1.0 }).collect()
+}
+
+#[test]
+fn losses_of_different_links_kinds_and_seeds_are_independent() {
+    let links = [
+        ("states of 2 at 1", losses(1, 1, |nth| state(2, nth))),
+        ("the message after each of them", losses(1, 1, |nth| state(2, nth + 1))),
+        ("states of 2 at 3", losses(1, 3, |nth| state(2, nth))),
+        ("states of 3 at 1", losses(1, 1, |nth| state(3, nth))),
+        ("states of 1 at 2", losses(1, 2, |nth| state(1, nth))),
+        ("heartbeats of 2 at 1", losses(1, 1, |nth| mission(2, nth))),
+        ("orders at 1", losses(1, 1, order)),
+        ("states of 2 at 1 with another seed", losses(2, 1, |nth| state(2, nth))),
+    ];
+    // Five standard deviations of the mean of 20,000 independent numbers of variance 1.
+    let bound = 5.0 / 20_000_f64.sqrt();
+    let mean_product = |one: &[f64], other: &[f64]| one.iter().zip(other).map(|(a, b)| a * b).sum::<f64>() / 20_000.0;
+    for (nth, (name, lost)) in links.iter().enumerate() {
+        let excess = lost.iter().sum::<f64>() / 20_000.0;
+        assert!(excess.abs() < bound, "{name}: {excess}");
+        for (other_name, other) in &links[..nth] {
+            let correlation = mean_product(lost, other);
+            assert!(correlation.abs() < bound, "{name} and {other_name}: {correlation}");
+        }
+    }
+}
+
+#[test]
+fn one_more_vehicle_changes_no_delivery_between_the_others() {
+    let log = |vehicles: u8, own| {
+        let text = format!("seed = 4\n[network]\n{ALL}");
+        let sets = [format!("swarm.vehicles={vehicles}")];
+        let scenario = load(&Source { name: "test.toml", text: &text }, &sets).unwrap().scenario;
+        let mut receiver = Receiver::new(&scenario, own);
+        receiver.position = Some(PositionNed::new(0.0, 0.0, -30.0));
+        // The fifth is the farthest, so that it takes no place among the nearest.
+        let senders = || (1..=vehicles).filter(|&sender| sender != own);
+        for frame in 0..500 {
+            let states = senders().map(|sender| state_at(sender, frame, 40.0 * f64::from(sender)));
+            let heartbeats = senders().map(|sender| mission(sender, frame));
+            receiver.receive(frame as f64 * FRAME_S, states.chain(heartbeats).chain([order(frame)]));
+        }
+        let is_of_fifth = |(_, message): &(f64, PeerMessage)| message.sender() == Some(id(5));
+        let (of_fifth, of_others): (Vec<_>, Vec<_>) = receiver.log.into_iter().partition(is_of_fifth);
+        assert_eq!(of_fifth.is_empty(), vehicles < 5);
+        of_others
+    };
+    for own in 1..=4 {
+        assert_eq!(log(4, own), log(5, own), "vehicle {own}");
+    }
+}
+
 /// The messages of each frame, as sender and kind.
 fn traffic() -> impl Strategy<Value = Vec<Vec<(u8, u8)>>> {
     prop::collection::vec(prop::collection::vec((2_u8..=4, 0_u8..10), 0..4), 1..200)
