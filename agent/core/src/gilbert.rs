@@ -1,4 +1,4 @@
-//! Gilbert's two-state model of failures in bursts: of a link that loses messages, of a sensor that gives no values.
+//! Gilbert's two-state model of failures in bursts: of a sensor that gives no values.
 
 use skein_common::math;
 
