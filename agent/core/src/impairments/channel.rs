@@ -22,7 +22,7 @@ const STATE_KEY_BYTES: usize = 30;
 /// Shortest mean duration of a burst, s. Messages are farther apart, so that shorter bursts have the same effect.
 const SHORTEST_BURST_S: f64 = 0.001;
 
-/// What one direction of a link remembers from one message to the next.
+/// The memory of one direction of a link from one message to the next.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Channel {
     /// Time at which the last queued message has left the queue.

@@ -14,7 +14,7 @@ use skein_common::message::MessageOrder;
 use crate::peers::PeerMessage;
 use crate::random;
 
-/// What a random number decides. The discriminants are part of the meaning of a seed: never reuse one.
+/// The decision of a random number. The discriminants are part of the meaning of a seed: never reuse one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Draw {
@@ -37,7 +37,7 @@ pub(super) enum Draw {
 /// The kind of a message. The discriminants are part of the meaning of a seed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-enum Kind {
+enum MessageKind {
     State = 0,
     Heartbeat = 1,
     Order = 2,
@@ -51,7 +51,7 @@ enum Kind {
 pub(super) struct MessageKey {
     /// Team and id of the sender; the team is zero for a vehicle of the receiver's team, the id for an operator.
     sender: u32,
-    kind: Kind,
+    kind: MessageKind,
     order: MessageOrder,
 }
 
@@ -60,28 +60,28 @@ impl MessageKey {
     pub(super) fn of(message: &PeerMessage, orders: u64) -> Self {
         let sender = message.sender().map_or(0, VehicleId::get).into();
         let (kind, order) = match message {
-            PeerMessage::State(state) => (Kind::State, state.header.order()),
-            PeerMessage::Mission(heartbeat) => (Kind::Heartbeat, heartbeat.header.order()),
-            PeerMessage::Order(_) => (Kind::Order, MessageOrder { sequence: orders, ..MessageOrder::default() }),
+            PeerMessage::State(state) => (MessageKind::State, state.header.order()),
+            PeerMessage::Mission(heartbeat) => (MessageKind::Heartbeat, heartbeat.header.order()),
+            PeerMessage::Order(_) => (MessageKind::Order, MessageOrder { sequence: orders, ..MessageOrder::default() }),
             // Tokens draw no numbers.
-            PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => (Kind::Link, MessageOrder::default()),
+            PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => (MessageKind::Link, MessageOrder::default()),
         };
         Self { sender, kind, order }
     }
 
     /// The key of a state that a vehicle of another team has sent.
     pub(super) fn of_state(sender: FleetVehicle, order: MessageOrder) -> Self {
-        Self { sender: number(sender), kind: Kind::State, order }
+        Self { sender: number(sender), kind: MessageKind::State, order }
     }
 
     /// The key of an intent that a vehicle of another team has sent.
     pub(super) fn of_intent(sender: FleetVehicle, order: MessageOrder) -> Self {
-        Self { sender: number(sender), kind: Kind::Intent, order }
+        Self { sender: number(sender), kind: MessageKind::Intent, order }
     }
 
     /// The key of the `nth` number of the link from this sender.
     fn of_link(sender: u32, nth: u64) -> Self {
-        Self { sender, kind: Kind::Link, order: MessageOrder { sequence: nth, ..MessageOrder::default() } }
+        Self { sender, kind: MessageKind::Link, order: MessageOrder { sequence: nth, ..MessageOrder::default() } }
     }
 }
 
