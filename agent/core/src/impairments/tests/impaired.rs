@@ -359,6 +359,17 @@ fn losses_of_different_links_kinds_and_seeds_are_independent() {
 }
 
 #[test]
+fn the_fates_of_messages_never_change_between_releases() {
+    // The first 64 states from 2 to 1: a set bit is a lost one.
+    let lost = |keys: &str| {
+        let mut receiver = Receiver::new(&network(1, keys), 1);
+        (0..64).map(|nth| u64::from(receiver.receive(nth as f64 * FRAME_S, [state(2, nth)]).is_empty()) << nth).sum()
+    };
+    let lost: [u64; 2] = ["loss = 0.5", "loss = 0.5\nburst_s = 0.1"].map(lost);
+    assert_eq!(lost, [0x13c8721b72c67522, 0x9803f80bffc0], "{lost:#x?}: recorded seeds would give other flights");
+}
+
+#[test]
 fn one_more_vehicle_changes_no_delivery_between_the_others() {
     let log = |vehicles: u8, own| {
         let text = format!("seed = 4\n[network]\n{ALL}");
