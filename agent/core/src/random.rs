@@ -93,7 +93,6 @@ mod tests {
         let mut draws = Vec::new();
         for seed in [0, 1, u64::MAX] {
             for vehicle in [None, Some(1), Some(2), Some(250)] {
-                // Links additionally have a sender.
                 let sensors = [Purpose::PositionSensor, Purpose::VelocitySensor, Purpose::AttitudeSensor];
                 let more = [Purpose::RateSensor, Purpose::SensorDropout];
                 let others = [Purpose::Start, Purpose::Trim, Purpose::Wind, Purpose::Network, Purpose::Law];
