@@ -285,15 +285,16 @@ impl Peers {
     }
 
     /// Whether the own partition flies above another one of which a vehicle may be flying. Contact is mutual: a partition is
-    /// this vehicle and the peers that receive it and that it receives, those that have landed included, because its other
-    /// vehicles still fly where they were. Partitions fly the mission each for itself, and the one with the lowest id keeps its
-    /// altitude.
+    /// this vehicle and the peers that receive it and that it receives. Partitions fly the mission each for itself, and the
+    /// one with the lowest id keeps its altitude. The ids of vehicles that have landed count on both sides: a vehicle may land
+    /// before or after the partitions lose each other, and both have to come to the same result.
     pub fn flies_above(&self) -> bool {
         let one_way = self.received_one_way();
         let may_fly = self.lost().either(self.all(Status::ACTIVE).both(one_way));
         let together = self.all(Status::AGREES).without(one_way);
         let lowest = together.first().map_or(self.own, |lowest| lowest.min(self.own));
-        !may_fly.is_empty() && self.lost().either(one_way).first().is_some_and(|apart| apart < lowest)
+        let apart = self.all(Status::LOST_LATELY).either(one_way);
+        !may_fly.is_empty() && apart.first().is_some_and(|apart| apart < lowest)
     }
 
     /// The changes of the last update, by id.

@@ -113,8 +113,10 @@ impl Status {
     pub(super) const SETTLED: Self = Self(1 << 12);
     /// It is in contact, flies the same plan and reports that it has lost vehicles.
     pub(super) const REPORTS_LOST: Self = Self(1 << 13);
+    /// It was lost less than a minute ago, whatever it was doing.
+    pub(super) const LOST_LATELY: Self = Self(1 << 14);
     /// Number of kinds of status.
-    pub(super) const KINDS: usize = 14;
+    pub(super) const KINDS: usize = 15;
 
     pub(super) fn contains(self, other: Self) -> bool {
         self.0 & other.0 != 0
@@ -251,7 +253,8 @@ impl Peer {
         let is_silent = self.state.is_none_or(|last| is_silent(last.at, now, timeout.without_state_s()));
         let is_recent = |lost_at: LocalTime| !Deadline::PeerGivenUp.is_past(now.seconds_since(lost_at));
         let has_left = self.membership() == Membership::Left;
-        let may_return = !has_left && self.lost_at.is_some_and(is_recent);
+        let lost_lately = self.lost_at.is_some_and(is_recent);
+        let may_return = !has_left && lost_lately;
         Status::default()
             .with(Status::FOUND, self.found)
             .with(Status::IN_CONTACT, in_contact)
@@ -266,6 +269,7 @@ impl Peer {
             .with(Status::MAY_FLY, may_return && active)
             .with(Status::YOUNG, !is_silent)
             .with(Status::REPORTS_LOST, in_contact && self.flies_same_plan() && !self.lost().is_empty())
+            .with(Status::LOST_LATELY, lost_lately)
             .with(Status::SETTLED, in_contact && self.token != Some(false))
     }
 

@@ -241,6 +241,12 @@ fn a_peer_that_does_not_receive_this_vehicle_is_an_obstacle_and_of_another_parti
     table.receive(3.1, &[mission(1, 1, 2, Membership::Left)]);
     assert_eq!(table.0.lost().len(), 2);
     assert!(!flies_above(&mut table), "4 stays where its partition was");
+    // Vehicle 1 has landed before 2 loses it and 3: they may count it as one of theirs.
+    let mut table = PeersStage(Peers::new(id(2), 4, 1, &network("")));
+    table.receive(1.0, &[with_lost(1, 1, []), with_lost(3, 1, []), with_lost(4, 1, [])]);
+    table.receive(3.1, &[mission(1, 1, 2, Membership::Left), with_lost(3, 2, []), with_lost(4, 2, [])]);
+    table.receive(6.1, &[with_lost(4, 3, [])]);
+    assert!(flies_above(&mut table), "3 keeps its altitude");
     let mut table = PeersStage(Peers::new(id(1), 4, 1, &network("")));
     table.receive(1.0, &[with_lost(2, 1, []), with_lost(3, 1, [])]);
     table.receive(3.1, &[with_lost(3, 2, [])]);

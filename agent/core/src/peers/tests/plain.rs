@@ -217,9 +217,12 @@ impl Plain {
         self.ids(|peer| !self.is_in_sight(peer) && self.is_active(peer) && !self.has_lost_own(peer)).either(seen)
     }
 
+    fn is_lost_lately(&self, peer: &PlainPeer) -> bool {
+        peer.lost_at.is_some_and(|lost_at| self.now.seconds_since(lost_at) < 60.0)
+    }
+
     fn may_return(&self, peer: &PlainPeer) -> bool {
-        let is_recent = |lost_at: LocalTime| self.now.seconds_since(lost_at) < 60.0;
-        peer.membership() != Membership::Left && peer.lost_at.is_some_and(is_recent)
+        peer.membership() != Membership::Left && self.is_lost_lately(peer)
     }
 
     fn absent_may_fly(&self) -> bool {
@@ -234,7 +237,7 @@ impl Plain {
         let together = self.ids(|peer| agrees(peer) && !self.has_lost_own(peer));
         let lowest = together.first().unwrap_or(id(OWN)).min(id(OWN));
         let is_lost = |peer: &PlainPeer| peer.membership() == Membership::Active && self.may_return(peer);
-        let apart = self.ids(|peer| is_lost(peer) || self.has_lost_own(peer));
+        let apart = self.ids(|peer| self.is_lost_lately(peer) || self.has_lost_own(peer));
         let may_fly = self.ids(|peer| is_lost(peer) || self.is_active(peer) && self.has_lost_own(peer));
         !may_fly.is_empty() && apart.first().is_some_and(|apart| apart < lowest)
     }
