@@ -8,7 +8,8 @@
 //! | position | it repeats, bit for bit: in the air while the velocity has led metres away from it, or on the ground with the altitude of the formation |
 //!
 //! The expected response follows from the aircraft's flight model; without a model only engine and position are
-//! watched. A servo stuck at its commanded position has no symptom, and is found when it is commanded elsewhere.
+//! watched. A servo stuck at its commanded position has no symptom, and is found when it is commanded elsewhere. Servos and
+//! gyro are judged only while a measurement comes at least every 0.1 s.
 
 use core::ops::Range;
 
@@ -45,7 +46,7 @@ const TAIL_AT_STOP_OVER: f64 = 0.1;
 const WEATHERCOCKS_FROM_RAD: f64 = 0.2;
 /// Lower bound of the vertical share of the thrust, reached at a lean of 0.64 rad.
 const MIN_UPRIGHT: f64 = 0.8;
-/// Longest time step that counts, s.
+/// Longest time step that counts, s. Responses to the controls are not judged over a longer one.
 const LONGEST_STEP_S: f64 = 0.1;
 
 /// The diagnosis of one vehicle. A failure stays found.
@@ -71,6 +72,10 @@ impl Diagnosis {
     /// between. Returns a newly found failure. After a first failure only worse failures and a frozen position are
     /// reported.
     pub fn update(&mut self, dt_s: f64, measurement: &Measurement, command: Option<Controls>) -> Option<Failure> {
+        if let Some(monitor) = self.monitor.as_mut().filter(|_| dt_s > LONGEST_STEP_S) {
+            // It is not known when the command reached the vehicle.
+            monitor.reset();
+        }
         let dt_s = dt_s.clamp(0.0, LONGEST_STEP_S);
         let unresponsive = match (&mut self.monitor, command) {
             (Some(monitor), Some(controls)) => monitor.unresponsive(dt_s, measurement, &controls),

@@ -3,6 +3,8 @@
 mod flight;
 mod responses;
 
+use std::collections::VecDeque;
+
 use nalgebra::Vector2;
 use proptest::prelude::*;
 use skein_common::frame::VelocityNed;
@@ -115,6 +117,31 @@ fn flight_before_failure(phase: &str, wind_m_s: f64, seed: u64) -> Flight {
     }
     flight.fly(0.2 * (seed % 16) as f64);
     flight
+}
+
+#[test]
+fn a_vehicle_whose_agent_is_late_has_not_failed() {
+    // Frames at their rate with commands 160 ms late, and frames that come too rarely for a judgement.
+    for (period_ticks, late_ticks) in [(1, 8), (3, 8), (5, 8), (6, 12), (8, 12), (15, 12), (15, 16), (25, 16), (50, 8)] {
+        for phase in ["hover", "step", "transit"] {
+            for seed in 0..32 {
+                let mut flight = flight_before_failure(phase, 5.0 * (seed / 2 % 2) as f64, seed);
+                let mut under_way = VecDeque::from(vec![flight.command.unwrap(); late_ticks]);
+                // A vehicle that its late agent cannot keep in the air ends the flight.
+                for tick in 0..500 {
+                    if flight.truth().height_m < FREE_ABOVE_M {
+                        break;
+                    }
+                    if tick % period_ticks == 0 {
+                        flight.decide(TICK_S * f64::from(period_ticks));
+                    }
+                    under_way.extend(flight.command);
+                    flight.fly_with(under_way.pop_front().unwrap());
+                }
+                assert_eq!(flight.found, [], "{phase} {seed}, every {period_ticks} ticks, {late_ticks} late");
+            }
+        }
+    }
 }
 
 /// Number of flights of each kind.

@@ -35,6 +35,8 @@ pub(super) struct Flight {
     pub(super) diagnosis: Diagnosis,
     pub(super) command: Option<Controls>,
     time_s: f64,
+    /// Time of the last measurement.
+    measured_s: f64,
     /// Target position, north and east, and its velocity.
     pub(super) place_ne_m: Vector2<f64>,
     pub(super) moves_ne_m_s: Vector2<f64>,
@@ -65,6 +67,7 @@ impl Flight {
             diagnosis: Diagnosis::new(&super::scenario(), &aircraft),
             command: None,
             time_s: 0.0,
+            measured_s: -TICK_S,
             place_ne_m: Vector2::zeros(),
             moves_ne_m_s: Vector2::zeros(),
             altitude_m: 30.0,
@@ -78,7 +81,9 @@ impl Flight {
         let frame = self.vehicle.frame();
         let now = Now { plant: PlantTime::from_seconds(self.time_s), local: LocalTime::from_seconds(self.time_s) };
         let estimate = self.estimator.update(now, Some(&frame.measurement)).unwrap();
-        if let Some(failure) = self.diagnosis.update(TICK_S, &frame.measurement, self.command) {
+        let dt_s = self.time_s - self.measured_s;
+        self.measured_s = self.time_s;
+        if let Some(failure) = self.diagnosis.update(dt_s, &frame.measurement, self.command) {
             self.found.push((self.time_s, failure));
         }
         estimate
@@ -92,20 +97,32 @@ impl Flight {
         Setpoint { relative_velocity_ne_m_s, feedforward_ne_m_s, altitude_m, heading_rad }
     }
 
-    /// Advances by one tick with these controls.
+    /// Commands these controls and advances by one tick.
     pub(super) fn advance(&mut self, controls: Controls) {
         self.command = Some(controls);
-        self.vehicle.advance(self.command);
+        self.fly_with(controls);
+    }
+
+    /// Advances by one tick in which these controls reach the vehicle.
+    pub(super) fn fly_with(&mut self, controls: Controls) {
+        self.vehicle.advance(Some(controls));
         self.time_s += TICK_S;
         self.place_ne_m += self.moves_ne_m_s * TICK_S;
     }
 
     pub(super) fn fly(&mut self, seconds: f64) {
         for _ in 0..(seconds / TICK_S).round() as u32 {
-            let estimate = self.estimate();
-            let controls = self.controller.step(TICK_S, &estimate, &self.setpoint(&estimate));
-            self.advance(controls.controls);
+            let controls = self.decide(TICK_S);
+            self.advance(controls);
         }
+    }
+
+    /// Commands the controls that follow from the current estimate.
+    pub(super) fn decide(&mut self, dt_s: f64) -> Controls {
+        let estimate = self.estimate();
+        let controls = self.controller.step(dt_s, &estimate, &self.setpoint(&estimate)).controls;
+        self.command = Some(controls);
+        controls
     }
 
     /// Moves the target to the estimated position.
