@@ -122,7 +122,8 @@ fn flight_before_failure(phase: &str, wind_m_s: f64, seed: u64) -> Flight {
 #[test]
 fn a_vehicle_whose_agent_is_late_has_not_failed() {
     // Frames at their rate with commands 160 ms late, and frames that come too rarely for a judgement.
-    for (period_ticks, late_ticks) in [(1, 8), (3, 8), (5, 8), (6, 12), (8, 12), (15, 12), (15, 16), (25, 16), (50, 8)] {
+    for (period_ticks, late_ticks) in [(1, 8), (3, 8), (5, 8), (6, 12), (8, 12), (15, 12), (15, 16), (25, 16), (50, 8)]
+    {
         for phase in ["hover", "step", "transit"] {
             for seed in 0..32 {
                 let mut flight = flight_before_failure(phase, 5.0 * (seed / 2 % 2) as f64, seed);

@@ -114,12 +114,6 @@ impl Draws {
         self.of(Draw::Burst, &MessageKey::of_link(sender, nth), receiver)
     }
 
-    /// Fills `out` with the numbers of all receivers as [`Self::of`] gives them, each at the place of its id.
-    pub(super) fn of_all(&self, what: Draw, key: &MessageKey, out: &mut [u32]) {
-        let mut generator = self.generator(what, key, 0);
-        out.iter_mut().for_each(|number| *number = generator.next_u32());
-    }
-
     fn generator(&self, what: Draw, key: &MessageKey, receiver: u8) -> ChaCha8Rng {
         let MessageKey { sender, kind, order } = *key;
         let draw = (kind as u8) << 4 | what as u8;
