@@ -32,8 +32,8 @@ use crate::inventory::Node;
 use crate::os;
 use skein_host::clock;
 
-/// Time limit of a connection, s.
-pub const CONNECT_S: u32 = 5;
+/// Time limit of a connection, s: a busy PC may answer after several seconds.
+pub const CONNECT_S: u32 = 10;
 /// Number of hosts that are called at once.
 pub const AT_ONCE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(7);
 /// Size limit of an answer, bytes.

@@ -65,7 +65,7 @@ fn the_hosts_of_the_lab_share_no_home_no_name_and_no_process() {
     assert!(lab.hosts.iter().map(Host::files).eq(before), "no other file is left");
     assert!(!lab.operator().path("/root/own").exists());
 
-    let reach = |lab: &Lab| lab.operator().sh("ssh -o ConnectTimeout=1 heli3 true").status;
+    let reach = |lab: &Lab| lab.operator().sh("ssh -o ConnectTimeout=5 heli3 true").status;
     lab.cut(3, true);
     assert_eq!(reach(&lab), Some(255), "the host is disconnected");
     lab.cut(3, false);

@@ -96,11 +96,11 @@ mod tests {
             ),
             (
                 "ssh: connect to host heli1 port 22: Connection timed out\r\n",
-                "lab@heli1: no answer within 5 s; check that it is on, and that no firewall blocks ssh",
+                "lab@heli1: no answer within 10 s; check that it is on, and that no firewall blocks ssh",
             ),
             (
                 "Connection timed out during banner exchange\r\n",
-                "lab@heli1: no answer within 5 s; check that it is on, and that no firewall blocks ssh",
+                "lab@heli1: no answer within 10 s; check that it is on, and that no firewall blocks ssh",
             ),
             (
                 "ssh: connect to host fe80::1 port 22: Invalid argument\r\n",

@@ -88,7 +88,7 @@ fn the_command_line_overrides_only_the_session_in_the_users_configuration() {
     let given: Vec<&str> =
         arguments.trim_end().split(' ').map(|part| if is_mark(&part) { "MARK" } else { part }).collect();
     let marked = |command: &str| format!("sh -c {} MARK {}", quote(marks::SCRIPT), quote(command));
-    let plain = "-T -o BatchMode=yes -o ConnectTimeout=5 -o SessionType=default";
+    let plain = "-T -o BatchMode=yes -o ConnectTimeout=10 -o SessionType=default";
     let shared = format!(
         "{plain} -o ControlMaster=auto -o ControlPersist=60 -o ControlPath=/run/user/7/skein/s-%C -o ServerAliveInterval=5 \
          -o ServerAliveCountMax=2 -l lab"

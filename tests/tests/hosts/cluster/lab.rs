@@ -90,6 +90,10 @@ impl Lab {
         });
         let mut lab = Self { operator: None, hosts, others: others.into(), namespaces, _folder: folder };
         lab.put_operator();
+        // On a busy PC an sshd needs seconds to start.
+        let answers =
+            |host: &Host| lab.operator().sh(&format!("ssh -o ConnectTimeout=20 {} true", host.name)).succeeded();
+        lab.hosts.iter().for_each(|host| drop(answers(host)));
         lab
     }
 
