@@ -260,12 +260,15 @@ impl Mission {
             self.heading_rad = estimate.attitude.heading_rad;
             now.local
         });
-        let others =
-            OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly: view.absent_may_fly };
+        let absent_may_fly = view.absent_may_fly;
         if self.followed != Some(self.inputs(view)) {
+            // They are read several times, and lie in many places.
+            let read: Vec<PeerProgress> = heartbeats.clone().collect();
+            let heartbeats = || read.iter().copied();
+            let others = OtherStates { states: heartbeats().map(AgreementState::from), absent_may_fly };
             let progress = self.agreement.follow(&others);
-            self.begin_step(progress, heartbeats.clone(), happened);
-            self.update_awaited(heartbeats.clone());
+            self.begin_step(progress, heartbeats(), happened);
+            self.update_awaited(heartbeats());
             let live = others.live();
             if live != self.live {
                 // Another member may have been in the way, or has a place now.
@@ -282,6 +285,7 @@ impl Mission {
         let has_listened = is_back_on_ground || Deadline::Listened.is_past(now.local.seconds_since(since));
         self.has_listened |= has_listened;
         if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
+            let others = OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly };
             self.catch_up(&others, heartbeats.clone());
         }
         let may_fly = self.is_rotor_ready(estimate)
