@@ -60,10 +60,18 @@ macro_rules! timeline {
             /// The instant `seconds` later (earlier, if negative), never before the clock's zero.
             #[inline]
             pub fn plus_seconds(self, seconds: f64) -> Self {
-                Self(self.0.saturating_add_signed((seconds * 1e9).round() as i64))
+                Self(self.0.saturating_add_signed(rounded(seconds * 1e9)))
             }
         }
     };
+}
+
+/// The nearest whole number, halves away from zero, as `f64::round` gives it, but without a call.
+#[inline]
+fn rounded(number: f64) -> i64 {
+    let whole = number as i64;
+    let rest = number - whole as f64;
+    whole.saturating_add(i64::from(rest >= 0.5)).saturating_sub(i64::from(rest <= -0.5))
 }
 
 timeline! {

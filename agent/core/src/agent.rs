@@ -173,6 +173,21 @@ impl Agent {
         Outputs { command, outbox, ask }
     }
 
+    /// Makes the agent read its messages from the inbox of the whole swarm ([`Peers::share_inbox`]).
+    pub fn share_inbox(&mut self) {
+        self.peers.share_inbox();
+    }
+
+    /// Lets go of the inbox after a step ([`Peers::release_inbox`]).
+    pub fn release_inbox(&mut self) {
+        self.peers.release_inbox();
+    }
+
+    /// Time from the sending to the arrival of a peer's newest state, s, where the inbox of the swarm knows it.
+    pub fn latency_s(&self, peer: VehicleId) -> Option<f64> {
+        self.peers.latency_s(peer)
+    }
+
     /// The vehicle's estimated position; `None` before the first estimate.
     pub fn position(&self) -> Option<PositionNed> {
         self.last.estimate.map(|estimate| estimate.position)

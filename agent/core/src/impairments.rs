@@ -2,7 +2,8 @@
 //! cut or out of range, and states that `network.graph` withholds.
 //!
 //! The impairments are applied at each receiver, so that the same [`Impairments`] provides a study's network and, between Zenoh
-//! and the agent, the faults of a real one. All randomness comes from the scenario's seed.
+//! and the agent, the faults of a real one. All randomness comes from the scenario's seed. A study of a whole swarm draws the same for
+//! all receivers at once ([`SwarmNetwork`]).
 //!
 //! * Each direction of a link has its own impairments (`channel`); those that depend on positions or on the graph are
 //!   added per receiver (`channels`).
@@ -18,6 +19,7 @@ mod cuts;
 mod draw;
 mod link;
 mod strangers;
+mod swarm;
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
@@ -35,6 +37,7 @@ use channels::ReceiverChannels;
 pub use cuts::{delays, lasting, silences, union};
 use link::Link;
 pub use strangers::StrangerImpairments;
+pub use swarm::SwarmNetwork;
 
 /// The network impairments of one receiving agent.
 #[derive(Clone, Debug)]
@@ -132,6 +135,20 @@ impl Impairments {
             delays,
             flown_s: None,
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
+            in_flight: VecDeque::new(),
+            latencies: Vec::new(),
+            delivery_counts: DeliveryCounts::default(),
+        }
+    }
+
+    /// No impairments.
+    pub fn none() -> Self {
+        Self {
+            delay_s: 0.0,
+            channels: None,
+            links: Vec::new(),
+            delays: AddedDelays(Vec::new()),
+            flown_s: None,
             in_flight: VecDeque::new(),
             latencies: Vec::new(),
             delivery_counts: DeliveryCounts::default(),

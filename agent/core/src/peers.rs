@@ -32,9 +32,11 @@
 //! one process that have received the same can share them ([`SharedRecords`]). What depends on this vehicle is here: its
 //! round trips, the peers near it, and that it is not a peer of its own.
 
+mod inbox;
 mod message;
 mod near;
 mod peer;
+mod recent;
 mod records;
 mod shared;
 mod timeout;
@@ -52,11 +54,12 @@ use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
 use crate::delay::{DelayBase, Exchange, MessageDelay, RoundTripTable};
+pub use inbox::{Parcel, SwarmInbox};
 pub use message::{PeerMessage, Received, ReceivedState};
 use near::NearList;
-use peer::{Agreed, KeptHeartbeat, Status, standing};
+use peer::{Agreed, KeptHeartbeat, Motion, Status, standing};
 pub use peer::{FRESH_S, MAX_OBSTACLE_RADIUS_M};
-use records::{Motion, Records, TripChange};
+use records::{Records, TripChange};
 pub use shared::{Broadcast, SharedRecords};
 
 /// The estimated current state of a peer.
@@ -212,8 +215,23 @@ impl Peers {
         Arc::make_mut(&mut self.records).did_not_run(for_s);
     }
 
+    /// Reads the messages from the inbox of the whole swarm, which [`Broadcast::inbox`] has in each step from the first on.
+    pub fn share_inbox(&mut self) {
+        Arc::make_mut(&mut self.records).share_inbox(self.own);
+    }
+
+    /// Lets go of the inbox after a step, so that the next frame's messages can be put into it.
+    pub fn release_inbox(&mut self) {
+        Arc::make_mut(&mut self.records).release_inbox();
+    }
+
     /// Takes the messages received since the last update.
     pub fn update(&mut self, now: LocalTime, received: &[Received], broadcast: Broadcast<'_>) {
+        if let Some(inbox) = broadcast.inbox {
+            Arc::make_mut(&mut self.records).update_from(now, inbox);
+            self.end_update(now);
+            return;
+        }
         let shared = broadcast.records.filter(|_| received.is_empty());
         let following = shared.and_then(|shared| shared.following(&self.records, now));
         if let Some(records) = following.filter(|records| !records.differ_for(self.own)) {
@@ -227,6 +245,10 @@ impl Peers {
             let of_others = received.chain(broadcast).filter(|(message, _)| !is_own(message));
             Arc::make_mut(&mut self.records).update(now, of_others);
         }
+        self.end_update(now);
+    }
+
+    fn end_update(&mut self, now: LocalTime) {
         let timed = self.update_trips(now);
         self.update_near(timed);
         let alone = !self.all(Status::REMAINS).is_empty() && self.in_contact().is_empty();
@@ -248,7 +270,7 @@ impl Peers {
         let now = self.records.now();
         let received = of.both(self.all(Status::SEEN)).both(self.in_contact());
         received.iter().filter_map(move |id| {
-            let Motion { at, excess, .. } = *self.records.motion(id)?;
+            let Motion { at, excess, .. } = self.records.motion(id)?;
             let silent_s = now.seconds_since(at).max(0.0);
             let delay_s = self.delays.get(index(id))?.at_arrival(excess).most_s(silent_s);
             Some(PeerStateAge { id, age_s: silent_s + delay_s.unwrap_or_default(), delay_s })
@@ -327,7 +349,7 @@ impl Peers {
     /// The newest heartbeats of all peers in contact that fly the same plan, by id. No other stage keeps them.
     pub fn heartbeats(&self) -> impl Iterator<Item = PeerProgress> + Clone {
         self.all(Status::AGREES).iter().filter_map(|id| {
-            let KeptHeartbeat { progress_m, agreement, .. } = self.records.peer(id)?.heartbeat?;
+            let KeptHeartbeat { progress_m, agreement, .. } = self.records.heartbeat(id)?;
             let Agreed { membership, step, vouched, reached, .. } = agreement;
             Some(PeerProgress { id, membership, step, vouched, reached, progress_m })
         })
@@ -357,7 +379,7 @@ impl Peers {
     pub fn echo(&mut self, stamp: SenderStamp) -> Option<Echo> {
         self.exchange.send(stamp);
         let of = self.exchange.next_partner(self.all(Status::CORRESPONDS))?;
-        let KeptHeartbeat { stamp, at, .. } = self.records.peer(of)?.heartbeat?;
+        let KeptHeartbeat { stamp, at, .. } = self.records.heartbeat(of)?;
         let held_s = self.records.now().seconds_since(at).max(0.0);
         // A hold of more than an hour is useless for a measurement; limited to that, it fits the field.
         let held_us = (held_s * 1e6).round().min(3.6e9) as u32;
@@ -379,6 +401,11 @@ impl Peers {
         self.records.forged() + self.forged
     }
 
+    /// Time from the sending to the arrival of a peer's newest state, s, where the inbox of the swarm knows it.
+    pub fn latency_s(&self, peer: VehicleId) -> Option<f64> {
+        self.records.latency_s(peer)
+    }
+
     /// The peers with a kind of status.
     fn all(&self, status: Status) -> VehicleSet {
         let mut peers = self.records.all(status);
@@ -396,8 +423,8 @@ impl Peers {
     #[inline]
     fn estimate(&self, id: VehicleId, is_member: bool) -> Option<PeerEstimate> {
         let motion = self.records.motion(id)?;
-        let Motion { position, velocity, heading_rad, .. } = *motion;
-        let (silent_s, delay) = self.silent_s_and_delay(id, motion);
+        let Motion { position, velocity, heading_rad, .. } = motion;
+        let (silent_s, delay) = self.silent_s_and_delay(id, &motion);
         let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
         let (age_s, carried_s) = (silent_s + most_s, silent_s + likely_s);
         let (standing, role) = if is_member {
@@ -420,14 +447,15 @@ impl Peers {
 
     /// The peers in contact that report this vehicle as lost: it receives them, and they do not receive it.
     fn received_one_way(&self) -> VehicleSet {
-        let has_lost_own = |id: &VehicleId| self.records.peer(*id).is_some_and(|peer| peer.lost().contains(self.own));
-        self.all(Status::REPORTS_LOST).iter().filter(has_lost_own).collect()
+        self.records.that_lost(self.own)
     }
 
     /// Makes the list of near peers.
     fn list_near(&mut self, own: PositionNed, reach_m: f64) -> VehicleSet {
         let mut near = core::mem::take(&mut self.near);
-        let estimates = self.estimates().map(|peer| (peer.id, peer.position, peer.velocity, peer.carried_s));
+        let estimates = self
+            .estimates()
+            .map(|peer| (peer.id, peer.position, peer.velocity, peer.carried_s, self.records.travelled_m(peer.id)));
         let listed = near.make(own, self.records.now(), reach_m, self.records.travel(self.largest_delay), estimates);
         self.near = near;
         listed
@@ -478,7 +506,7 @@ impl Peers {
         for id in self.records.moved().without(far).either(timed).iter().filter(|id| *id != self.own) {
             let Some(motion) = self.records.motion(id) else { continue };
             let carried_s = || {
-                let (silent_s, delay) = self.silent_s_and_delay(id, motion);
+                let (silent_s, delay) = self.silent_s_and_delay(id, &motion);
                 silent_s + delay.unwrap_or_default().likely_s
             };
             if !self.near.is_right_for(id, (motion.position, motion.velocity), carried_s) {

@@ -56,9 +56,9 @@ pub fn key(seed: u64) -> [u8; 32] {
 }
 
 /// The stream of the numbers that decide the same (`draw`) of all messages of this incarnation of a sender, whose number is
-/// below 2²¹. `key` is that of the seed.
-pub fn network_generator(key: [u8; 32], sender: u32, draw: u8, incarnation: Incarnation) -> ChaCha8Rng {
-    let mut generator = ChaCha8Rng::from_seed(key);
+/// below 2²¹. `of_seed` is a generator with the key of the seed that has given no number yet.
+pub fn network_generator(of_seed: &ChaCha8Rng, sender: u32, draw: u8, incarnation: Incarnation) -> ChaCha8Rng {
+    let mut generator = of_seed.clone();
     let sent_by = u64::from(sender) << 16 | incarnation.0 << 37;
     generator.set_stream(sent_by | u64::from(draw) << 8 | Purpose::Message as u64);
     generator
@@ -106,7 +106,9 @@ mod tests {
         for (sender, draw, incarnation) in
             [(0, 0, 1), (1, 0, 1), (1, 0, 2), (1, 1, 1), (2, 0, 1), ((1 << 21) - 1, 255, 1)]
         {
-            draws.push(network_generator(key(1), sender, draw, Incarnation(incarnation)).next_u64());
+            draws.push(
+                network_generator(&ChaCha8Rng::from_seed(key(1)), sender, draw, Incarnation(incarnation)).next_u64(),
+            );
         }
         let count = draws.len();
         draws.sort_unstable();

@@ -185,6 +185,18 @@ impl Station {
         Ok(Self { agent, impairments, clocks, sensors, received, stranger_impairments, strangers, intents })
     }
 
+    /// Makes the agent read its messages from the inbox of the whole swarm, which every step has in its broadcast. The network
+    /// that fills the inbox applies the impairments.
+    pub fn share_inbox(&mut self) {
+        self.agent.share_inbox();
+        self.impairments = Impairments::none();
+    }
+
+    /// Lets go of the inbox after a step, so that the next frame's messages can be put into it.
+    pub fn release_inbox(&mut self) {
+        self.agent.release_inbox();
+    }
+
     /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass
     /// the impairments by now are kept for the next step.
     pub fn receive(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = Received>) {
@@ -281,6 +293,9 @@ impl Station {
         let now = Now { plant: plant_time, local: self.clocks.local_time(right) };
         let mut trace = self.agent.trace(now, truth);
         self.impairments.report_latency(&mut trace.peers);
+        for peer in &mut trace.peers {
+            peer.delivered_age_s = self.agent.latency_s(peer.id).unwrap_or(peer.delivered_age_s);
+        }
         trace
     }
 

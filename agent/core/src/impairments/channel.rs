@@ -50,9 +50,18 @@ impl Channel {
     ) -> Delivery {
         let Direction { sender, receiver, quality } = *direction;
         let Some(sent_at) = self.through_queue(quality, size_bytes, at) else { return Delivery::QueueFull };
-        let of_link = |nth| draws.of_link(sender, nth, receiver);
-        let is_in_burst = quality.burst_s.map(|mean_s| self.burst.is_on((quality.loss, mean_s), sent_at, of_link));
+        let is_in_burst = self.is_in_burst(quality, sent_at, |nth| draws.of_link(sender, nth, receiver));
         delivery(quality, |what| draws.of(what, key, receiver), sent_at, is_in_burst, lost_by_distance)
+    }
+
+    /// Whether the link is in a burst at this time; `None` if it has no bursts. `chance` gives the numbers of the link.
+    pub(super) fn is_in_burst(
+        &mut self,
+        quality: &Quality,
+        at: LocalTime,
+        chance: impl Fn(u64) -> f64,
+    ) -> Option<bool> {
+        quality.burst_s.map(|mean_s| self.burst.is_on((quality.loss, mean_s), at, chance))
     }
 
     /// The time at which the message has left the queue; `None` if it would have to wait too long.

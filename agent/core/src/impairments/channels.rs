@@ -45,8 +45,8 @@ struct Sender {
 /// Loss by distance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Range {
-    fade_m: f64,
-    range_m: f64,
+    pub(super) fade_m: f64,
+    pub(super) range_m: f64,
 }
 
 impl Range {

@@ -6,7 +6,7 @@
 //! together. They lie side by side in a stream of ChaCha8 that belongs to the sender and to what they decide: one block
 //! serves sixteen receivers.
 
-use rand::Rng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use skein_common::id::{FleetVehicle, VehicleId};
 use skein_common::message::MessageOrder;
@@ -32,6 +32,11 @@ pub(super) enum Draw {
     Copy = 5,
     /// Whether the link begins in a burst, and how long it is in a burst and without one.
     Burst = 6,
+}
+
+impl Draw {
+    /// Number of the draws of a message.
+    pub(super) const COUNT: usize = 6;
 }
 
 /// The kind of a message. The discriminants are part of the meaning of a seed.
@@ -115,13 +120,34 @@ impl Draws {
     }
 
     fn generator(&self, what: Draw, key: &MessageKey, receiver: u8) -> ChaCha8Rng {
-        let MessageKey { sender, kind, order } = *key;
-        let draw = (kind as u8) << 4 | what as u8;
-        let mut generator = random::network_generator(self.key, sender, draw, order.incarnation);
-        // The numbers of a message for all receivers, 1 to 250, lie side by side.
-        generator.set_word_pos(u128::from(order.sequence) << 8 | u128::from(receiver));
-        generator
+        generator(&ChaCha8Rng::from_seed(self.key), what, key, receiver)
     }
+
+    /// A source of the numbers of one message at all receivers.
+    pub(super) fn all(&self) -> AllDraws {
+        AllDraws(ChaCha8Rng::from_seed(self.key))
+    }
+}
+
+/// The random numbers of one seed for all receivers of a message at once.
+#[derive(Clone, Debug)]
+pub(super) struct AllDraws(ChaCha8Rng);
+
+impl AllDraws {
+    /// Fills `out` with the numbers of all receivers as [`Draws::of`] gives them, each at the place of its id.
+    pub(super) fn fill(&self, what: Draw, key: &MessageKey, out: &mut [u32]) {
+        let mut generator = generator(&self.0, what, key, 0);
+        out.iter_mut().for_each(|number| *number = generator.next_u32());
+    }
+}
+
+fn generator(of_seed: &ChaCha8Rng, what: Draw, key: &MessageKey, receiver: u8) -> ChaCha8Rng {
+    let MessageKey { sender, kind, order } = *key;
+    let draw = (kind as u8) << 4 | what as u8;
+    let mut generator = random::network_generator(of_seed, sender, draw, order.incarnation);
+    // The numbers of a message for all receivers, 1 to 250, lie side by side.
+    generator.set_word_pos(u128::from(order.sequence) << 8 | u128::from(receiver));
+    generator
 }
 
 /// A 32-bit number as a share, exactly, in steps of 2⁻³².

@@ -36,7 +36,7 @@ struct Made {
     /// The interaction distance, and the distance up to which peers are on the list, m.
     reach_m: f64,
     listed_m: f64,
-    /// [`Travel::travelled_m`] at that time.
+    /// [`Travel::travelled_m`] when the oldest newest state of a far peer was taken.
     travelled_m: f64,
 }
 
@@ -75,25 +75,31 @@ impl NearList {
         fits.then_some(self.near)
     }
 
-    /// Makes the list of these peers, each with its position now and the time over which it was carried forward, s.
+    /// Makes the list of these peers, each with its position now, the time over which it was carried forward, s, and
+    /// [`Travel::travelled_m`] when its newest state was taken.
     pub(super) fn make(
         &mut self,
         own: PositionNed,
         at: LocalTime,
         reach_m: f64,
         travel: Travel,
-        peers: impl Iterator<Item = (VehicleId, PositionNed, VelocityNed, f64)>,
+        peers: impl Iterator<Item = (VehicleId, PositionNed, VelocityNed, f64, f64)>,
     ) -> VehicleSet {
         let listed_m = reach_m + SKIN_M + SKIN_SHARE * reach_m;
         (self.near, self.far, self.fastest_m_s) = Default::default();
         self.made = Some(Made { own, at, reach_m, listed_m, travelled_m: travel.travelled_m });
+        let mut from_m = travel.travelled_m;
         let is_worth_it = travel.come_m(travel.travelled_m, FAR_FOR_S) <= listed_m;
-        for (id, position, velocity, carried_s) in peers {
+        for (id, position, velocity, carried_s, travelled_m) in peers {
             self.moved(id, position, velocity);
             // Both the position now and the reported one are that far off.
             let beyond_m = 2.0 * listed_m + velocity.horizontal().norm() * carried_s + ROUNDING_M;
-            self.far.set(id, is_worth_it && (position - own).xy().norm_squared() > beyond_m * beyond_m);
+            if is_worth_it && (position - own).xy().norm_squared() > beyond_m * beyond_m {
+                self.far.insert(id);
+                from_m = from_m.min(travelled_m);
+            }
         }
+        self.made = Some(Made { own, at, reach_m, listed_m, travelled_m: from_m });
         self.near
     }
 

@@ -1,5 +1,6 @@
-//! What is known of one peer: its newest state and heartbeat, and the deadlines that they start.
+//! What is known of one peer: its newest messages, the judgement of it that follows from them, and the deadlines that they start.
 
+use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::Heartbeat;
 use skein_common::state::{Membership, PeerStatus};
@@ -8,6 +9,7 @@ use skein_common::time::{LocalTime, SenderStamp};
 use super::timeout::SilenceTimeout;
 use super::{Change, Role};
 use crate::deadlines::Deadline;
+use crate::delay::Excess;
 
 /// A state younger than this is fresh, s.
 pub const FRESH_S: f64 = Deadline::StateOld.after_s();
@@ -22,7 +24,7 @@ pub const MAX_OBSTACLE_RADIUS_M: f64 = OBSTACLE_RADIUS_M + OBSTACLE_GROWTH_M;
 /// itself is judged by [`Deadline::is_past`].
 const ROUNDING_S: f64 = 1e-6;
 
-/// The record of one peer.
+/// The judgement of one peer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Peer {
     pub(super) id: VehicleId,
@@ -31,17 +33,36 @@ pub(super) struct Peer {
     /// The status after the last assessment.
     pub(super) status: Status,
     pub(super) incarnation: Incarnation,
-    pub(super) state: Option<StateArrival>,
-    /// Arrival of the newest message of this incarnation.
-    pub(super) received_at: Option<LocalTime>,
-    pub(super) heartbeat: Option<KeptHeartbeat>,
     lost_at: Option<LocalTime>,
     /// Whether it was lost by its silence alone: its token was there, and nothing was reported of the token since.
     lost_by_silence: bool,
-    /// From when on its link counts as one that loses nothing, if no heartbeat is lost until then.
-    proven_at: LocalTime,
+    /// When it was last found.
+    found_at: Option<LocalTime>,
     /// Number of its messages that were dropped because a newer one had been received.
     pub(super) old: u64,
+}
+
+/// The newest messages of the current incarnation of one peer.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Newest {
+    pub(super) state: Option<StateArrival>,
+    pub(super) heartbeat: Option<KeptHeartbeat>,
+    /// Arrival of the newest message.
+    pub(super) received_at: Option<LocalTime>,
+    /// When a gap in the numbers of its heartbeats was last seen, if ever.
+    pub(super) gap_at: Option<LocalTime>,
+}
+
+/// The newest state of a vehicle, in the swarm's frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Motion {
+    pub(super) position: PositionNed,
+    pub(super) velocity: VelocityNed,
+    pub(super) heading_rad: f64,
+    /// Arrival of the state.
+    pub(super) at: LocalTime,
+    /// The part of the state's delay that does not depend on the round trips.
+    pub(super) excess: Excess,
 }
 
 /// Number and arrival of the newest state.
@@ -78,6 +99,27 @@ impl Agreed {
         let &Heartbeat { membership, step, vouched, reached, lost, .. } = heartbeat;
         Self { same_plan: heartbeat.plan == plan, membership, step, vouched, reached, lost }
     }
+
+    /// The change from this agreement state to a later one.
+    pub(super) fn change_to(&self, later: &Self) -> AgreementChange {
+        if self == later {
+            AgreementChange::Nothing
+        } else if (Self { lost: later.lost, ..*self }) == *later {
+            AgreementChange::Lost
+        } else {
+            AgreementChange::Steps
+        }
+    }
+}
+
+/// The part of an agreement state that a heartbeat changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum AgreementChange {
+    Nothing,
+    /// The vehicles that the sender has lost.
+    Lost,
+    /// The part on which the agreement on the step depends.
+    Steps,
 }
 
 /// The conditions that hold for a peer at an instant; one bit each.
@@ -161,19 +203,38 @@ pub(super) struct Judgement {
     pub(super) receives_all_states: bool,
 }
 
+impl Newest {
+    #[inline]
+    fn membership(&self) -> Membership {
+        self.heartbeat.map_or(Membership::Joining, |heartbeat| heartbeat.agreement.membership)
+    }
+
+    /// The vehicles that the peer has lost.
+    pub(super) fn lost(&self) -> VehicleSet {
+        self.heartbeat.map_or_else(VehicleSet::default, |heartbeat| heartbeat.agreement.lost)
+    }
+
+    #[inline]
+    fn flies_same_plan(&self) -> bool {
+        self.heartbeat.is_some_and(|heartbeat| heartbeat.agreement.same_plan)
+    }
+
+    /// Forgets the messages of an earlier incarnation.
+    pub(super) fn begin(&mut self) {
+        (self.state, self.heartbeat) = (None, None);
+    }
+}
+
 impl Peer {
     pub(super) fn unknown(id: VehicleId) -> Self {
         Self {
             id,
             incarnation: Incarnation::default(),
-            state: None,
-            heartbeat: None,
             token: None,
-            received_at: None,
             found: false,
             lost_at: None,
             lost_by_silence: false,
-            proven_at: LocalTime::ZERO,
+            found_at: None,
             old: 0,
             status: Status::default(),
         }
@@ -184,47 +245,21 @@ impl Peer {
         (self.token, self.lost_by_silence) = (Some(is_there), false);
     }
 
-    /// Begins the time after which its link counts as one that loses nothing.
-    pub(super) fn prove_link_from(&mut self, at: LocalTime) {
-        self.proven_at = at.plus_seconds(Deadline::LinkProven.after_s());
-    }
-
-    /// Begins a new incarnation, of which nothing has been received.
-    pub(super) fn begin(&mut self, incarnation: Incarnation) {
-        self.incarnation = incarnation;
-        (self.state, self.heartbeat) = (None, None);
-    }
-
-    #[inline]
-    fn membership(&self) -> Membership {
-        self.heartbeat.map_or(Membership::Joining, |heartbeat| heartbeat.agreement.membership)
-    }
-
-    /// The vehicles that it has lost, by its newest heartbeat.
-    pub(super) fn lost(&self) -> VehicleSet {
-        self.heartbeat.map_or_else(VehicleSet::default, |heartbeat| heartbeat.agreement.lost)
-    }
-
-    #[inline]
-    fn flies_same_plan(&self) -> bool {
-        self.heartbeat.is_some_and(|heartbeat| heartbeat.agreement.same_plan)
-    }
-
     /// Updates whether the peer is lost; returns a change to be reported.
-    pub(super) fn age(&mut self, judgement: &Judgement) -> Option<Change> {
-        let received_at = self.received_at?;
+    pub(super) fn age(&mut self, newest: &Newest, judgement: &Judgement) -> Option<Change> {
+        let received_at = newest.received_at?;
         let now = judgement.now;
-        let silent = Deadline::PeerLost(self.silent_s(judgement)).is_past(now.seconds_since(received_at));
+        let silent = Deadline::PeerLost(self.silent_s(newest, judgement)).is_past(now.seconds_since(received_at));
         let gone = self.token == Some(false) || silent;
         if gone && self.lost_at.is_none() {
             self.lost_at = Some(now);
             self.lost_by_silence = self.token != Some(false);
             // A peer that left the swarm on purpose is not reported as lost.
-            (self.membership() != Membership::Left).then_some(Change::Lost(self.id))
+            (newest.membership() != Membership::Left).then_some(Change::Lost(self.id))
         } else if !gone && (self.lost_at.is_some() || !self.found) {
             self.lost_at = None;
             self.found = true;
-            self.prove_link_from(received_at);
+            self.found_at = Some(received_at);
             Some(Change::Found(self.id))
         } else {
             None
@@ -237,44 +272,50 @@ impl Peer {
         lost_s.is_some_and(|lost_s| judgement.timeout.is_soon(lost_s))
     }
 
+    /// From when on its link counts as one that loses nothing, if no heartbeat is lost until then.
+    fn proven_at(&self, newest: &Newest) -> LocalTime {
+        let since = self.found_at.max(newest.gap_at);
+        since.map_or(LocalTime::ZERO, |since| since.plus_seconds(Deadline::LinkProven.after_s()))
+    }
+
     /// The time for which it may send nothing, s.
-    fn silent_s(&self, judgement: &Judgement) -> f64 {
-        judgement.timeout.silent_s(judgement.now >= self.proven_at)
+    fn silent_s(&self, newest: &Newest, judgement: &Judgement) -> f64 {
+        judgement.timeout.silent_s(judgement.now >= self.proven_at(newest))
     }
 
     /// The conditions that hold for the peer now.
-    pub(super) fn assess(&self, judgement: &Judgement) -> Status {
+    pub(super) fn assess(&self, newest: &Newest, judgement: &Judgement) -> Status {
         let Judgement { now, timeout, receives_all_states } = *judgement;
         let is_lost = self.lost_at.is_some();
         let in_contact = self.found && !is_lost;
-        let active = self.membership() == Membership::Active;
-        let is_active_member = in_contact && active && self.flies_same_plan();
-        let in_sight = receives_all_states || self.is_in_sight(judgement);
-        let is_silent = self.state.is_none_or(|last| is_silent(last.at, now, timeout.without_state_s()));
+        let active = newest.membership() == Membership::Active;
+        let is_active_member = in_contact && active && newest.flies_same_plan();
+        let in_sight = receives_all_states || self.is_in_sight(newest, judgement);
+        let is_silent = newest.state.is_none_or(|last| is_silent(last.at, now, timeout.without_state_s()));
         let is_recent = |lost_at: LocalTime| !Deadline::PeerGivenUp.is_past(now.seconds_since(lost_at));
-        let has_left = self.membership() == Membership::Left;
+        let has_left = newest.membership() == Membership::Left;
         let lost_lately = self.lost_at.is_some_and(is_recent);
         let may_return = !has_left && lost_lately;
         Status::default()
             .with(Status::FOUND, self.found)
             .with(Status::IN_CONTACT, in_contact)
-            .with(Status::CORRESPONDS, !is_lost && self.heartbeat.is_some())
-            .with(Status::AGREES, !is_lost && self.flies_same_plan())
+            .with(Status::CORRESPONDS, !is_lost && newest.heartbeat.is_some())
+            .with(Status::AGREES, !is_lost && newest.flies_same_plan())
             .with(Status::ACTIVE, is_active_member)
-            .with(Status::SEEN, in_sight && self.state.is_some())
-            .with(Status::MEMBER, in_sight && !is_silent && !is_lost && active && self.flies_same_plan())
+            .with(Status::SEEN, in_sight && newest.state.is_some())
+            .with(Status::MEMBER, in_sight && !is_silent && !is_lost && active && newest.flies_same_plan())
             .with(Status::UNSEEN, !in_sight && is_active_member)
             .with(Status::REMAINS, self.found && !has_left)
             .with(Status::MAY_RETURN, may_return)
             .with(Status::MAY_FLY, may_return && active)
             .with(Status::YOUNG, !is_silent)
-            .with(Status::REPORTS_LOST, in_contact && self.flies_same_plan() && !self.lost().is_empty())
+            .with(Status::REPORTS_LOST, in_contact && newest.flies_same_plan() && !newest.lost().is_empty())
             .with(Status::LOST_LATELY, lost_lately)
             .with(Status::SETTLED, in_contact && self.token != Some(false))
     }
 
     /// A time before which nothing of the status changes without a message.
-    pub(super) fn unchanged_until(&self, judgement: &Judgement) -> LocalTime {
+    pub(super) fn unchanged_until(&self, newest: &Newest, judgement: &Judgement) -> LocalTime {
         let Judgement { now, timeout, .. } = *judgement;
         let mut until = LocalTime::MAX;
         let mut pending = |start: Option<LocalTime>, deadline: Deadline| {
@@ -282,20 +323,21 @@ impl Peer {
                 until = until.min(start.plus_seconds(deadline.after_s() - ROUNDING_S));
             }
         };
-        let received_at = self.received_at.filter(|_| self.lost_at.is_none());
-        pending(received_at, Deadline::PeerLost(self.silent_s(judgement)));
-        pending(self.state.map(|last| last.at), Deadline::NeighbourSilent(timeout.without_state_s()));
+        let received_at = newest.received_at.filter(|_| self.lost_at.is_none());
+        pending(received_at, Deadline::PeerLost(self.silent_s(newest, judgement)));
+        pending(newest.state.map(|last| last.at), Deadline::NeighbourSilent(timeout.without_state_s()));
         pending(self.lost_at, Deadline::PeerGivenUp);
-        if let Some(received_at) = received_at.filter(|_| now < self.proven_at) {
-            until = until.min(self.proven_at.max(received_at.plus_seconds(timeout.silent_s(true) - ROUNDING_S)));
+        let proven_at = self.proven_at(newest);
+        if let Some(received_at) = received_at.filter(|_| now < proven_at) {
+            until = until.min(proven_at.max(received_at.plus_seconds(timeout.silent_s(true) - ROUNDING_S)));
         }
         until
     }
 
     /// Whether its state is young, or was until the peer was lost.
-    fn is_in_sight(&self, judgement: &Judgement) -> bool {
+    fn is_in_sight(&self, newest: &Newest, judgement: &Judgement) -> bool {
         let Judgement { now, timeout, .. } = *judgement;
-        let Some(last) = self.state else { return false };
+        let Some(last) = newest.state else { return false };
         match self.lost_at {
             None => !is_silent(last.at, now, timeout.without_state_s()),
             // The last message may be a little younger than the last state.

@@ -2,32 +2,25 @@
 //!
 //! Agents of one process that have received the same can share them (`shared.rs`).
 
+use alloc::sync::Arc;
+use alloc::vec;
 use alloc::vec::Vec;
 
-use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{Echo, Header, Heartbeat, Order, StandingOrders, Verb};
 use skein_common::scenario::{Graph, Network, Scenario};
 use skein_common::time::LocalTime;
 
+use super::inbox::{Item, News, SwarmInbox};
 use super::message::{PeerMessage, ReceivedState};
 use super::near::Travel;
-use super::peer::{Agreed, FRESH_S, Judgement, KeptHeartbeat, Peer, StateArrival, Status};
+use super::peer::{
+    Agreed, AgreementChange, FRESH_S, Judgement, KeptHeartbeat, Motion, Newest, Peer, StateArrival, Status,
+};
+use super::recent::{FreshStates, RecentSenders};
 use super::timeout::SilenceTimeout;
 use super::{Change, Report, index};
 use crate::delay::{DelayBase, Excess, since_stamp_s};
-
-/// The newest state of a vehicle, in the swarm's frame.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Motion {
-    pub(super) position: PositionNed,
-    pub(super) velocity: VelocityNed,
-    pub(super) heading_rad: f64,
-    /// Arrival of the state.
-    pub(super) at: LocalTime,
-    /// The part of the state's delay that does not depend on the round trips.
-    pub(super) excess: Excess,
-}
 
 /// A change by a message of the round trips between its sender and one receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +29,19 @@ pub(super) enum TripChange {
     Restarted(VehicleId),
     /// A heartbeat with this transit, s, echoed a stamp.
     Echoed { sender: VehicleId, at: LocalTime, transit_s: f64, echo: Echo },
+}
+
+/// The newest messages of all vehicles.
+#[derive(Clone, Debug)]
+enum Messages {
+    /// Those that only this agent has received, or agents that have received the same.
+    Own {
+        newest: Vec<Newest>,
+        /// The newest state of each vehicle.
+        motions: Vec<Motion>,
+    },
+    /// Those in the inbox of the whole swarm at this receiver. Between two frames no record holds the inbox.
+    Swarm { inbox: Option<Arc<SwarmInbox>>, receiver: usize },
 }
 
 /// The records of all vehicles.
@@ -47,21 +53,25 @@ pub(super) struct Records {
     receives_all_states: bool,
     /// The vehicles of the whole swarm by id; empty before the first update.
     peers: Vec<Peer>,
-    /// The newest state of each vehicle.
-    motions: Vec<Motion>,
+    messages: Messages,
     /// The vehicles with each kind of status.
     with: [VehicleSet; Status::KINDS],
+    /// Those in contact that report the only receiver of these records as lost.
+    have_lost_own: VehicleSet,
     /// Vehicles of which anything was received.
     known: VehicleSet,
     /// Vehicles whose status has to be judged in this update.
     touched: VehicleSet,
-    /// A time before which no status changes without a message.
+    /// For each vehicle a time before which its status does not change without a message, and the earliest of them.
+    peer_unchanged_until: Vec<LocalTime>,
     unchanged_until: LocalTime,
     revision: u64,
     /// Number of updates after which every list of near peers has to be made anew.
     relistings: u64,
     /// Vehicles of which the last update has taken a state.
     moved: VehicleSet,
+    /// Vehicles of which the last update has taken any message.
+    arrived: VehicleSet,
     /// A length that no vehicle's reported position has exceeded on its way since the begin, horizontally, m: the sum over
     /// the updates of the longest way in each.
     travelled_m: f64,
@@ -69,9 +79,9 @@ pub(super) struct Records {
     /// Largest reported horizontal speed so far, m/s, and largest excess of a state's delay.
     fastest_m_s: f64,
     largest_excess: Option<Excess>,
-    /// Vehicles of which a state arrived less than [`FRESH_S`] ago, and a time before which all of them remain so.
-    fresh: VehicleSet,
-    fresh_until: LocalTime,
+    recent: RecentSenders,
+    recent_states: RecentSenders,
+    fresh: FreshStates,
     changes: Vec<Change>,
     reports: Vec<Report>,
     orders: Vec<Order>,
@@ -99,20 +109,24 @@ impl Records {
             plan,
             receives_all_states: network.graph == Graph::All,
             peers: Vec::new(),
-            motions: Vec::new(),
+            messages: Messages::Own { newest: Vec::new(), motions: Vec::new() },
             with: [VehicleSet::default(); Status::KINDS],
+            have_lost_own: VehicleSet::default(),
             known: VehicleSet::default(),
             touched: VehicleSet::default(),
+            peer_unchanged_until: Vec::new(),
             unchanged_until: LocalTime::MAX,
             revision: 0,
             relistings: 0,
             moved: VehicleSet::default(),
+            arrived: VehicleSet::default(),
             travelled_m: 0.0,
             longest_way_m: 0.0,
             fastest_m_s: 0.0,
             largest_excess: None,
-            fresh: VehicleSet::default(),
-            fresh_until: LocalTime::MAX,
+            recent: RecentSenders::default(),
+            recent_states: RecentSenders::default(),
+            fresh: FreshStates::default(),
             changes: Vec::new(),
             reports: Vec::new(),
             orders: Vec::new(),
@@ -137,12 +151,21 @@ impl Records {
     /// Becomes equal to other records except for what an update begins anew, in the memory of these.
     pub(super) fn copy_from(&mut self, other: &Self) {
         let mut peers = core::mem::take(&mut self.peers);
-        let mut motions = core::mem::take(&mut self.motions);
         peers.clone_from(&other.peers);
-        motions.clone_from(&other.motions);
+        let mut peer_unchanged_until = core::mem::take(&mut self.peer_unchanged_until);
+        peer_unchanged_until.clone_from(&other.peer_unchanged_until);
+        let mut messages = core::mem::replace(&mut self.messages, Messages::Swarm { inbox: None, receiver: 0 });
+        match (&mut messages, &other.messages) {
+            (Messages::Own { newest, motions }, Messages::Own { newest: other, motions: others }) => {
+                newest.clone_from(other);
+                motions.clone_from(others);
+            }
+            (messages, others) => *messages = others.clone(),
+        }
         *self = Self {
             peers,
-            motions,
+            peer_unchanged_until,
+            messages,
             changes: core::mem::take(&mut self.changes),
             reports: core::mem::take(&mut self.reports),
             orders: core::mem::take(&mut self.orders),
@@ -162,33 +185,83 @@ impl Records {
         self.first_update.is_none() && settings(self) == settings(other)
     }
 
+    /// Reads what vehicle `own` receives from the inbox of its swarm, from the begin on.
+    pub(super) fn share_inbox(&mut self, own: VehicleId) {
+        self.messages = Messages::Swarm { inbox: None, receiver: index(own) };
+    }
+
+    /// Lets go of the inbox, so that the next frame's messages can be put into it.
+    pub(super) fn release_inbox(&mut self) {
+        if let Messages::Swarm { inbox, .. } = &mut self.messages {
+            *inbox = None;
+        }
+    }
+
     /// Takes the messages received since the last update, each with its time of arrival.
     pub(super) fn update<'a>(&mut self, now: LocalTime, messages: impl Iterator<Item = (&'a PeerMessage, LocalTime)>) {
+        let before = self.begin_update(now);
+        for (message, at) in messages {
+            // Whatever the clock showed at its arrival, the message arrived between the two updates.
+            self.receive(message, at.clamp(before, now));
+        }
+        self.end_update(before);
+    }
+
+    /// Takes what the inbox has received since the last update.
+    pub(super) fn update_from(&mut self, now: LocalTime, inbox: &Arc<SwarmInbox>) {
+        let before = self.begin_update(now);
+        let Messages::Swarm { inbox: own, receiver } = &mut self.messages else { return };
+        *own = Some(Arc::clone(inbox));
+        let News { states, heartbeats, items } = inbox.news(*receiver);
+        // Most messages only repeat what is known, and change nothing of their sender's status.
+        let (young, settled) = (self.all(Status::YOUNG), self.all(Status::SETTLED));
+        let arrived = states.either(heartbeats);
+        let judged = states.without(young).either(arrived.without(settled));
+        self.touched.extend(judged);
+        (self.moved, self.arrived) = (states, arrived);
+        for news in items {
+            self.take(inbox, &news.item, news.at());
+        }
+        self.known.extend(self.touched);
+        self.end_update(before);
+    }
+
+    fn begin_update(&mut self, now: LocalTime) -> LocalTime {
         let before = core::mem::replace(&mut self.now, now).min(now);
         if self.first_update.is_none() {
             self.first_update = Some(now);
             self.peers = VehicleId::first(self.roster.into()).map(Peer::unknown).collect();
-            self.motions.resize(self.peers.len(), Motion::default());
+            self.peer_unchanged_until = vec![LocalTime::MAX; self.peers.len()];
+            if let Messages::Own { newest, motions } = &mut self.messages {
+                newest.resize(self.peers.len(), Newest::default());
+                motions.resize(self.peers.len(), Motion::default());
+            }
         }
         self.changes.clear();
         self.reports.clear();
         self.orders.clear();
         self.trip_changes.clear();
-        (self.touched, self.moved, self.echoed, self.suspected_too_early) = Default::default();
-        for (message, at) in messages {
-            // Whatever the clock showed at its arrival, the message arrived between the two updates.
-            self.receive(message, at.clamp(before, now));
-        }
+        (self.touched, self.moved, self.arrived, self.echoed, self.suspected_too_early) = Default::default();
+        before
+    }
+
+    fn end_update(&mut self, before: LocalTime) {
+        let step = (before, self.now);
+        self.recent.insert(self.arrived, step, self.timeout.silent_s(true));
+        self.recent_states.insert(self.moved, step, self.timeout.without_state_s());
+        self.fresh.insert(self.moved, before);
         self.travelled_m += core::mem::take(&mut self.longest_way_m);
         self.reports.sort_by_key(|report| report.id);
         self.judge();
-        self.update_fresh();
     }
 
     /// Counts no silence of the vehicles in the time `for_s` in which this agent did not run.
     pub(super) fn did_not_run(&mut self, for_s: f64) {
-        for peer in &mut self.peers {
-            peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
+        // In virtual time no agent is late.
+        if let Messages::Own { newest, .. } = &mut self.messages {
+            for peer in newest {
+                peer.received_at = peer.received_at.map(|at| at.plus_seconds(for_s));
+            }
         }
         self.timeout.was_late(self.now.plus_seconds(for_s));
         self.unchanged_until = LocalTime::ZERO;
@@ -224,10 +297,38 @@ impl Records {
         self.peers.iter()
     }
 
-    /// The newest state of a vehicle.
+    /// The newest state of a vehicle, if any was received.
     #[inline]
-    pub(super) fn motion(&self, id: VehicleId) -> Option<&Motion> {
-        self.motions.get(index(id))
+    pub(super) fn motion(&self, id: VehicleId) -> Option<Motion> {
+        match &self.messages {
+            Messages::Own { motions, .. } => motions.get(index(id)).copied(),
+            Messages::Swarm { inbox, receiver } => inbox.as_ref()?.motion(index(id), *receiver),
+        }
+    }
+
+    /// The newest heartbeat of a vehicle.
+    pub(super) fn heartbeat(&self, id: VehicleId) -> Option<KeptHeartbeat> {
+        match &self.messages {
+            Messages::Own { newest, .. } => newest.get(index(id))?.heartbeat,
+            Messages::Swarm { inbox, receiver } => inbox.as_ref()?.heartbeat(index(id), *receiver),
+        }
+    }
+
+    /// The vehicles in contact that fly the same plan and report vehicle `own` as lost.
+    pub(super) fn that_lost(&self, own: VehicleId) -> VehicleSet {
+        if let Messages::Swarm { .. } = self.messages {
+            return self.have_lost_own;
+        }
+        let has_lost = |id: &VehicleId| self.heartbeat(*id).is_some_and(|last| last.agreement.lost.contains(own));
+        self.all(Status::REPORTS_LOST).iter().filter(has_lost).collect()
+    }
+
+    /// Time from the sending to the arrival of a vehicle's newest state, s, where the inbox knows it.
+    pub(super) fn latency_s(&self, id: VehicleId) -> Option<f64> {
+        match &self.messages {
+            Messages::Own { .. } => None,
+            Messages::Swarm { inbox, receiver } => inbox.as_ref()?.latency_s(index(id), *receiver),
+        }
     }
 
     /// A number that changes whenever the agreement's inputs may have changed.
@@ -247,14 +348,32 @@ impl Records {
 
     /// How far the states have come for a receiver with this largest delay of messages without an excess.
     pub(super) fn travel(&self, largest: DelayBase) -> Travel {
-        let delay = self.largest_excess.map(|excess| largest.at_arrival(excess));
+        let (travelled_m, fastest_m_s, largest_excess) = match &self.messages {
+            Messages::Swarm { inbox: Some(inbox), .. } => inbox.travel(),
+            _ => (self.travelled_m, self.fastest_m_s, self.largest_excess),
+        };
+        let delay = largest_excess.map(|excess| largest.at_arrival(excess));
         let delay_s = delay.map_or(0.0, |delay| delay.likely_at_most_s(self.now.seconds()));
-        Travel { travelled_m: self.travelled_m, fastest_m_s: self.fastest_m_s, delay_s }
+        Travel { travelled_m, fastest_m_s, delay_s }
+    }
+
+    /// [`Travel::travelled_m`] when the newest state of a vehicle was taken, or less, m.
+    pub(super) fn travelled_m(&self, id: VehicleId) -> f64 {
+        match &self.messages {
+            Messages::Swarm { inbox: Some(inbox), receiver } => inbox.travelled_m(index(id), *receiver),
+            _ => self.travelled_m,
+        }
     }
 
     /// Vehicles of which a state arrived less than [`FRESH_S`] ago.
     pub(super) fn fresh(&self) -> VehicleSet {
-        self.fresh
+        let (mut fresh, perhaps) = self.fresh.at(self.now);
+        for id in perhaps.without(fresh).iter() {
+            if self.motion(id).is_some_and(|motion| self.now < motion.at.plus_seconds(FRESH_S)) {
+                fresh.insert(id);
+            }
+        }
+        fresh
     }
 
     /// Whether the last update has found vehicle `own` to be suspected too early. No agent suspects itself, so the records of
@@ -294,27 +413,62 @@ impl Records {
         self.forged
     }
 
-    /// Judges the vehicles that messages have touched, or all of them if a deadline may have passed.
+    /// Judges the vehicles that messages have touched, and those of which a deadline may have passed.
     fn judge(&mut self) {
-        let is_due = self.timeout.pass(self.now) || self.now >= self.unchanged_until;
+        let is_shorter = self.timeout.pass(self.now);
+        if is_shorter {
+            (self.recent, self.recent_states) = Default::default();
+        }
+        let is_every_deadline_new = is_shorter || self.unchanged_until == LocalTime::ZERO;
+        let is_due = is_every_deadline_new || self.now >= self.unchanged_until;
         let Self { now, timeout, receives_all_states, .. } = *self;
         let judgement = Judgement { now, timeout, receives_all_states };
+        let mut judged = self.touched;
         if is_due {
+            let spared = if is_every_deadline_new { VehicleSet::default() } else { self.spared() };
+            judged.extend(self.known.without(spared));
             self.unchanged_until = LocalTime::MAX;
+            if !spared.is_empty() {
+                let limits_s = [timeout.silent_s(true), timeout.without_state_s()];
+                let soonest_s = limits_s.into_iter().fold(f64::INFINITY, f64::min);
+                self.unchanged_until = now.plus_seconds((1.0 - RecentSenders::WITHIN) * soonest_s);
+            }
         }
-        let mut is_relisted = is_due;
-        let judged = if is_due { self.known } else { self.touched };
+        let mut is_relisted = is_every_deadline_new;
         for id in judged.iter() {
-            let Some(peer) = self.peers.get_mut(index(id)) else { continue };
+            let (Some(peer), Some(until)) =
+                (self.peers.get_mut(index(id)), self.peer_unchanged_until.get_mut(index(id)))
+            else {
+                continue;
+            };
+            if is_due && !is_every_deadline_new && now < *until && !self.touched.contains(id) {
+                self.unchanged_until = self.unchanged_until.min(*until);
+                continue;
+            }
+            let from_inbox;
+            let newest = match &self.messages {
+                Messages::Own { newest, .. } => &newest[index(id)],
+                Messages::Swarm { inbox: Some(inbox), receiver } => {
+                    from_inbox = inbox.newest(index(id), *receiver);
+                    &from_inbox
+                }
+                Messages::Swarm { inbox: None, .. } => continue,
+            };
             let is_doubtful = peer.is_doubtful(&judgement);
-            let change = peer.age(&judgement);
+            let change = peer.age(newest, &judgement);
             if is_doubtful && matches!(change, Some(Change::Found(_))) {
                 self.timeout.suspected_too_early(now);
                 self.suspected_too_early.insert(id);
             }
             self.changes.extend(change);
-            let status = peer.assess(&judgement);
-            self.unchanged_until = self.unchanged_until.min(peer.unchanged_until(&judgement));
+            let status = peer.assess(newest, &judgement);
+            if let Messages::Swarm { receiver, .. } = self.messages {
+                let own = VehicleId::new(receiver as u8 + 1).ok();
+                let has_lost_own = own.is_some_and(|own| newest.lost().contains(own));
+                self.have_lost_own.set(id, has_lost_own && status.contains(Status::REPORTS_LOST));
+            }
+            *until = peer.unchanged_until(newest, &judgement);
+            self.unchanged_until = self.unchanged_until.min(*until);
             let differing = core::mem::replace(&mut peer.status, status).differing(status);
             self.revision += u64::from(differing.contains(Status::AGREES));
             is_relisted |= differing.contains(Status::SEEN);
@@ -329,41 +483,45 @@ impl Records {
         }
     }
 
-    fn update_fresh(&mut self) {
-        let ends = |motion: &Motion| motion.at.plus_seconds(FRESH_S);
-        if !self.moved.is_empty() {
-            self.fresh.extend(self.moved);
-            self.fresh_until = self.fresh_until.min(self.now.plus_seconds(FRESH_S));
-        }
-        if self.now < self.fresh_until {
-            return;
-        }
-        let before = core::mem::take(&mut self.fresh);
-        self.fresh_until = LocalTime::MAX;
-        for id in before.iter() {
-            let ends = ends(&self.motions[index(id)]);
-            if self.now < ends {
-                self.fresh.insert(id);
-                self.fresh_until = self.fresh_until.min(ends);
+    /// The vehicles of which no deadline can pass soon: messages of them have arrived lately, and a state too if theirs is young.
+    fn spared(&self) -> VehicleSet {
+        let with_states = self.recent_states.all().either(self.recent.all().without(self.all(Status::YOUNG)));
+        self.recent.all().both(with_states).both(self.all(Status::IN_CONTACT))
+    }
+
+    /// Takes an item of news from the inbox.
+    fn take(&mut self, inbox: &SwarmInbox, item: &Item, at: LocalTime) {
+        match item {
+            Item::Restarted(id) => self.restarted(*id),
+            Item::Heartbeat(parcel, change) => {
+                let heartbeat = inbox.heartbeat_of(*parcel);
+                self.revision += u64::from(*change == AgreementChange::Steps);
+                if *change != AgreementChange::Nothing {
+                    self.touched.insert(heartbeat.header.sender);
+                }
+                self.note_contents(heartbeat, at);
             }
+            Item::Old(id) => self.peers[index(*id)].old += 1,
+            Item::Token(id, is_there) => self.set_token(*id, *is_there),
+            Item::Order(nth) => self.orders.extend(inbox.order(*nth)),
         }
     }
 
     fn receive(&mut self, message: &PeerMessage, at: LocalTime) {
         match message {
             PeerMessage::State(message) => {
-                let Some(peer) = self.sender(&message.header) else { return };
+                let Some((peer, newest, moved)) = self.sender(&message.header) else { return };
                 let sequence = message.header.sequence;
-                if peer.state.is_some_and(|last| last.sequence >= sequence) {
+                if newest.state.is_some_and(|last| last.sequence >= sequence) {
                     peer.old += 1;
                     return;
                 }
-                peer.state = Some(StateArrival { sequence, at });
+                newest.state = Some(StateArrival { sequence, at });
                 let (id, was_young) = (peer.id, peer.status.contains(Status::YOUNG));
                 let excess = Excess::new(at, since_stamp_s(at, message.header.stamp));
                 let ReceivedState { position, velocity, heading_rad, .. } = *message;
                 let motion = Motion { position, velocity, heading_rad, at, excess };
-                let before = core::mem::replace(&mut self.motions[index(id)], motion);
+                let before = core::mem::replace(moved, motion);
                 self.note_way((motion.position - before.position).xy().norm(), id);
                 self.fastest_m_s = self.fastest_m_s.max(velocity.horizontal().norm());
                 self.largest_excess = Some(self.largest_excess.map_or(excess, |largest| largest.max(excess)));
@@ -371,14 +529,17 @@ impl Records {
                 self.arrived(id, at, !was_young);
             }
             PeerMessage::Mission(message) => self.receive_heartbeat(message, at),
-            PeerMessage::Appeared(id) | PeerMessage::Vanished(id) => {
-                if let Some(peer) = self.peers.get_mut(index(*id)) {
-                    peer.set_token(matches!(message, PeerMessage::Appeared(_)));
-                    self.known.insert(*id);
-                    self.touched.insert(*id);
-                }
-            }
+            PeerMessage::Appeared(id) => self.set_token(*id, true),
+            PeerMessage::Vanished(id) => self.set_token(*id, false),
             PeerMessage::Order(order) => self.orders.push(*order),
+        }
+    }
+
+    fn set_token(&mut self, id: VehicleId, is_there: bool) {
+        if let Some(peer) = self.peers.get_mut(index(id)) {
+            peer.set_token(is_there);
+            self.known.insert(id);
+            self.touched.insert(id);
         }
     }
 
@@ -403,24 +564,34 @@ impl Records {
 
     fn receive_heartbeat(&mut self, message: &Heartbeat, at: LocalTime) {
         let plan = self.plan;
-        let Some(peer) = self.sender(&message.header) else { return };
+        let Some((peer, newest, _)) = self.sender(&message.header) else { return };
         let Header { sequence, stamp, .. } = message.header;
         let agreement = Agreed::new(message, plan);
-        if let Some(last) = peer.heartbeat.filter(|last| last.sequence >= sequence) {
+        if let Some(last) = newest.heartbeat.filter(|last| last.sequence >= sequence) {
             // A heartbeat is repeated to every agent that asks for it.
             let is_repeated = (last.sequence, last.stamp, last.agreement) == (sequence, stamp, agreement);
             peer.old += u64::from(!is_repeated);
             return;
         }
         let progress_m = message.progress_m;
-        if peer.heartbeat.is_some_and(|last| last.sequence + 1 < sequence) {
-            peer.prove_link_from(at);
+        if newest.heartbeat.is_some_and(|last| last.sequence + 1 < sequence) {
+            newest.gap_at = Some(at);
         }
-        let last = peer.heartbeat.replace(KeptHeartbeat { sequence, stamp, at, progress_m, agreement });
-        let (id, is_changed) = (peer.id, last.map(|last| last.agreement) != Some(agreement));
-        self.revision += u64::from(is_changed);
-        let transit_s = since_stamp_s(at, stamp);
-        if let Some(echo) = message.echo {
+        let last = newest.heartbeat.replace(KeptHeartbeat { sequence, stamp, at, progress_m, agreement });
+        let id = peer.id;
+        let change = last.map_or(AgreementChange::Steps, |last| last.agreement.change_to(&agreement));
+        self.revision += u64::from(change == AgreementChange::Steps);
+        self.note_contents(message, at);
+        self.arrived(id, at, change != AgreementChange::Nothing);
+    }
+
+    /// Keeps what a heartbeat contains beside the agreement state: an echo, an order, a plan that differs.
+    fn note_contents(&mut self, message: &Heartbeat, at: LocalTime) {
+        let (plan, Header { sender: id, stamp, .. }) = (self.plan, message.header);
+        let is_for_other =
+            |of: VehicleId| matches!(self.messages, Messages::Swarm { receiver, .. } if receiver != index(of));
+        if let Some(echo) = message.echo.filter(|echo| !is_for_other(echo.of)) {
+            let transit_s = since_stamp_s(at, stamp);
             self.trip_changes.push(TripChange::Echoed { sender: id, at, transit_s, echo });
             self.echoed.insert(echo.of);
         }
@@ -431,23 +602,25 @@ impl Records {
         if message.plan != plan || order.is_some_and(|order| self.known_orders.merge(order)) {
             self.reports.push(Report { id, plan: message.plan, order: message.order });
         }
-        self.arrived(id, at, is_changed);
     }
 
     /// Keeps what follows from a message's arrival. `is_changed` if the message itself may change the sender's status.
     fn arrived(&mut self, id: VehicleId, at: LocalTime, is_changed: bool) {
-        let peer = &mut self.peers[index(id)];
+        let Messages::Own { newest, .. } = &mut self.messages else { return };
+        self.arrived.insert(id);
         // After this agent was late, the last arrival counts as later than it was, and a new one may be earlier.
-        let is_earlier = peer.received_at.replace(at).is_some_and(|before| at < before);
-        if is_changed || is_earlier || !peer.status.contains(Status::SETTLED) {
+        let is_earlier = newest[index(id)].received_at.replace(at).is_some_and(|before| at < before);
+        if is_changed || is_earlier || !self.peers[index(id)].status.contains(Status::SETTLED) {
             self.known.insert(id);
             self.touched.insert(id);
         }
     }
 
-    /// The vehicle in whose current incarnation this message was sent; the caller compares the sequence numbers.
-    fn sender(&mut self, header: &Header) -> Option<&mut Peer> {
-        let Some(peer) = self.peers.get_mut(index(header.sender)) else {
+    /// The vehicle in whose current incarnation this message was sent, with its newest messages; the caller compares the
+    /// sequence numbers.
+    fn sender(&mut self, header: &Header) -> Option<(&mut Peer, &mut Newest, &mut Motion)> {
+        let nth = index(header.sender);
+        let Some(peer) = self.peers.get_mut(nth) else {
             self.forged += 1;
             return None;
         };
@@ -457,14 +630,27 @@ impl Records {
         }
         if header.incarnation > peer.incarnation {
             // A new incarnation numbers its messages from one again.
-            peer.begin(header.incarnation);
-            self.revision += 1;
-            self.trip_changes.push(TripChange::Restarted(peer.id));
-            self.echoed = VehicleId::first(self.roster.into()).collect();
-            self.touched.insert(peer.id);
-            self.known.insert(peer.id);
+            peer.incarnation = header.incarnation;
+            if let Messages::Own { newest, .. } = &mut self.messages {
+                newest[nth].begin();
+            }
+            self.restarted(header.sender);
         }
-        Some(peer)
+        match &mut self.messages {
+            Messages::Own { newest, motions } => {
+                Some((self.peers.get_mut(nth)?, newest.get_mut(nth)?, motions.get_mut(nth)?))
+            }
+            Messages::Swarm { .. } => None,
+        }
+    }
+
+    /// Keeps that a vehicle has begun a new incarnation.
+    fn restarted(&mut self, id: VehicleId) {
+        self.revision += 1;
+        self.trip_changes.push(TripChange::Restarted(id));
+        self.echoed = VehicleId::first(self.roster.into()).collect();
+        self.touched.insert(id);
+        self.known.insert(id);
     }
 }
 

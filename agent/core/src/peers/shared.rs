@@ -9,6 +9,7 @@ use alloc::sync::Arc;
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
 
+use super::inbox::SwarmInbox;
 use super::message::PeerMessage;
 use super::records::Records;
 
@@ -19,6 +20,8 @@ pub struct Broadcast<'a> {
     pub messages: &'a [PeerMessage],
     /// The records that follow from the messages, for the vehicles that have received nothing else so far.
     pub records: Option<&'a SharedRecords>,
+    /// The inbox that has all messages to all vehicles, for agents that share it ([`super::Peers::share_inbox`]).
+    pub inbox: Option<&'a Arc<SwarmInbox>>,
 }
 
 /// The records of all agents that have received the same since their start, before and after the newest messages. They are

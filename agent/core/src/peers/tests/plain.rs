@@ -385,7 +385,7 @@ proptest! {
             let records = (delivery == Delivery::Shared).then_some(&shared);
             match delivery {
                 Delivery::ToOne => kept.update(now, &received, Broadcast::default()),
-                Delivery::ToAll | Delivery::Shared => kept.update(now, &[], Broadcast { messages: &messages, records }),
+                Delivery::ToAll | Delivery::Shared => kept.update(now, &[], Broadcast { messages: &messages, records, inbox: None }),
             }
             let changes = plain.update(now, &messages);
             prop_assert_eq!(kept.changes().collect::<Vec<_>>(), changes);

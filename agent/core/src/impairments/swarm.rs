@@ -1,0 +1,479 @@
+//! The scenario's network between all vehicles of a simulated swarm at once.
+//!
+//! It delivers what the [`Impairments`] of all receivers would, to the bit. But a message in flight lies here
+//! once, with the set of its receivers, and its fate is drawn for all of them together. What arrives goes to the inbox of the
+//! swarm ([`SwarmInbox`]).
+
+mod flight;
+mod graph;
+mod numbers;
+mod places;
+mod sender;
+
+use alloc::collections::VecDeque;
+use alloc::sync::Arc;
+use alloc::vec;
+use alloc::vec::Vec;
+
+use skein_common::frame::PositionNed;
+use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::scenario::{ControlMode, EventAction, Fault, Quality, Scenario};
+use skein_common::time::LocalTime;
+
+use super::channel::{Channel, Direction, delivery, size_bytes};
+use super::channels::Range;
+use super::draw::{Draw, Draws, MessageKey};
+use super::{Delivery, Impairments};
+use crate::peers::{Parcel, PeerMessage, SwarmInbox};
+use crate::skew::Skew;
+use flight::{Arrivals, Batch, Content, OnItsWay, received_twice};
+use graph::SwarmGraph;
+use numbers::Numbers;
+use places::Places;
+use sender::SwarmSender;
+
+/// The network between all vehicles of a swarm.
+#[derive(Debug)]
+pub struct SwarmNetwork {
+    inbox: Arc<SwarmInbox>,
+    draws: Draws,
+    /// The settings of every link that has none of its own.
+    everywhere: Quality,
+    range: Option<Range>,
+    graph: SwarmGraph,
+    /// All vehicles as senders and as receivers, by id.
+    senders: Vec<SwarmSender>,
+    receivers: Vec<Receiver>,
+    places: Places,
+    /// The receivers with an agent.
+    present: VehicleSet,
+    frame_ns: u64,
+    /// Deliveries by the frame in which they are due, the next one first, and the number of that frame.
+    in_flight: VecDeque<Vec<OnItsWay>>,
+    next_frame: u64,
+    /// Number of deliveries so far.
+    serial: u64,
+    /// Whether a message can arrive before an earlier one of its sender, or twice.
+    may_overtake: bool,
+    /// Whether messages wait for the bandwidth of any link.
+    has_queues: bool,
+    /// Whether links that have no settings of their own only delay messages at random, and lose some.
+    only_jitters: bool,
+    batch: Batch,
+    numbers: Numbers,
+}
+
+/// A vehicle as a receiver.
+#[derive(Clone, Debug, Default)]
+struct Receiver {
+    position: Option<PositionNed>,
+    /// The channel for orders from operators, and their number so far.
+    operator: Channel,
+    orders: u64,
+}
+
+/// The receivers of a message by distance.
+struct Reach {
+    /// Those out of range.
+    out: VehicleSet,
+    /// Those between `fade_m` and `range_m`, each with the share of messages that it loses.
+    fading: Vec<(VehicleId, f64)>,
+}
+
+impl SwarmNetwork {
+    /// The network of a scenario that flies in frames of this length, ns; `None` if every message arrives at once, or if the
+    /// scenario has what only the impairments of single receivers have: cuts, added delays, wrong clocks, a central controller.
+    pub fn new(scenario: &Scenario, frame_ns: u64) -> Option<Self> {
+        let is_of_receivers = |event: &EventAction| {
+            matches!(event, EventAction::Fault(Fault::Cut { .. } | Fault::Delay { .. } | Fault::ClockJump { .. }))
+        };
+        let first = scenario.ids().next()?;
+        let is_supported = scenario.control.mode != ControlMode::Central
+            && !scenario.mission.events.iter().any(|event| is_of_receivers(&event.what))
+            && scenario.ids().all(|id| Skew::new(scenario, id).is_zero());
+        if !is_supported || Impairments::new(scenario, first).is_perfect() {
+            return None;
+        }
+        let everywhere = scenario.network.quality();
+        let count = scenario.swarm.vehicles.min(VehicleId::MAX.into());
+        let sender = |from: VehicleId| {
+            let others = scenario.ids().filter(|&id| id != from);
+            let with_quality = others.map(|id| (id, scenario.network.link(from, id)));
+            let particular: Vec<_> = with_quality.filter(|(_, quality)| *quality != everywhere).collect();
+            let with_particular = particular.iter().map(|(id, _)| *id).collect();
+            SwarmSender { particular, with_particular, ..SwarmSender::default() }
+        };
+        let mut senders: Vec<SwarmSender> = scenario.ids().map(sender).collect();
+        let qualities = || senders.iter().flat_map(|sender| sender.particular.iter().map(|(_, quality)| quality));
+        let any = |has: fn(&Quality) -> bool| has(&everywhere) || qualities().any(has);
+        let Quality { bandwidth_bit_s, burst_s, reorder, duplicate, .. } = everywhere;
+        let only_jitters = bandwidth_bit_s.is_none() && burst_s.is_none() && reorder == 0.0 && duplicate == 0.0;
+        let has_queues = any(|quality| quality.bandwidth_bit_s.is_some());
+        let remembers = has_queues || any(|quality| quality.burst_s.is_some());
+        let has = [
+            (Draw::Loss, any(|quality| quality.loss > 0.0 && quality.burst_s.is_none())),
+            (Draw::Jitter, any(|quality| quality.jitter_s > 0.0)),
+            (Draw::Reorder, any(|quality| quality.reorder > 0.0)),
+            (Draw::Duplicate, any(|quality| quality.duplicate > 0.0)),
+            (Draw::Copy, any(|quality| quality.duplicate > 0.0 && quality.jitter_s > 0.0)),
+        ];
+        let needed: Vec<Draw> = has.into_iter().filter(|(_, needed)| *needed).map(|(what, _)| what).collect();
+        let may_overtake = any(|quality| quality.jitter_s > 0.0 || quality.reorder > 0.0 || quality.duplicate > 0.0);
+        if remembers {
+            senders.iter_mut().for_each(|sender| sender.channels = vec![Channel::default(); count + 1]);
+        }
+        let inbox = Arc::new(SwarmInbox::new(count as u8, scenario.plan_hash()));
+        let draws = Draws::new(scenario.seed);
+        let numbers = Numbers::new(draws.all(), needed, count);
+        Some(Self {
+            inbox,
+            draws,
+            everywhere,
+            range: Range::of(&scenario.network),
+            graph: SwarmGraph::new(scenario),
+            senders,
+            receivers: vec![Receiver::default(); count],
+            places: Places::default(),
+            present: VehicleSet::default(),
+            frame_ns,
+            in_flight: VecDeque::new(),
+            next_frame: 0,
+            serial: 0,
+            may_overtake,
+            has_queues,
+            only_jitters,
+            batch: Batch::default(),
+            numbers,
+        })
+    }
+
+    /// The inbox with what has arrived by now.
+    pub fn inbox(&self) -> &Arc<SwarmInbox> {
+        &self.inbox
+    }
+
+    /// Begins the agent of a vehicle: nothing is on its way to it.
+    pub fn begin(&mut self, vehicle: VehicleId) {
+        self.end(vehicle);
+        self.present.insert(vehicle);
+    }
+
+    /// Ends the agent of a vehicle: what is on its way to it is lost.
+    pub fn end(&mut self, vehicle: VehicleId) {
+        self.present.remove(vehicle);
+        self.in_flight.iter_mut().flatten().for_each(|message| message.remove(vehicle));
+        self.receivers[nth(vehicle)] = Receiver::default();
+        for sender in &mut self.senders {
+            sender.placed.remove(vehicle);
+            if let Some(channel) = sender.channels.get_mut(usize::from(vehicle.get())) {
+                *channel = Channel::default();
+            }
+        }
+        self.graph.forget(vehicle);
+        self.graph.placed_changed();
+        Arc::make_mut(&mut self.inbox).forget(vehicle);
+    }
+
+    /// Sets the position of each vehicle by its own agent, by id.
+    pub fn set_positions(&mut self, positions: impl Iterator<Item = Option<PositionNed>>) {
+        self.receivers.iter_mut().zip(positions).for_each(|(receiver, position)| receiver.position = position);
+        if self.range.is_some() {
+            self.places.set(self.receivers.iter().map(|receiver| receiver.position));
+        }
+    }
+
+    /// Sends these messages, which an ideal network would deliver now, and delivers to the inbox what arrives by now.
+    /// Messages to one vehicle go to it alone, before the others.
+    pub fn deliver(&mut self, now: LocalTime, to_one: &[(VehicleId, PeerMessage)], to_all: &[PeerMessage]) {
+        self.next_frame = now.nanoseconds() / self.frame_ns;
+        Arc::make_mut(&mut self.inbox).begin_frame();
+        let positions = self.receivers.iter().map(|receiver| receiver.position);
+        self.graph.update(now, positions, &self.senders);
+        for (receiver, message) in to_one {
+            let only = [*receiver].into_iter().collect();
+            self.send(now, message, self.present.both(only));
+        }
+        for message in to_all {
+            self.send(now, message, self.present);
+        }
+        self.arrive();
+    }
+
+    /// Sends a message to these vehicles.
+    fn send(&mut self, now: LocalTime, message: &PeerMessage, mut receivers: VehicleSet) {
+        let Some(from) = message.sender() else { return self.send_order(now, message, receivers) };
+        receivers.remove(from);
+        if receivers.is_empty() {
+            return;
+        }
+        let inbox = Arc::make_mut(&mut self.inbox);
+        let sender = &mut self.senders[nth(from)];
+        match message {
+            PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => {
+                sender.placed = sender.placed.without(receivers);
+                self.graph.placed_changed();
+                let is_there = matches!(message, PeerMessage::Appeared(_));
+                self.send_token(now, (from, is_there), receivers);
+            }
+            PeerMessage::State(state) => {
+                sender.place = Some((state.position, now));
+                if !receivers.without(sender.placed).is_empty() {
+                    sender.placed.extend(receivers);
+                    self.graph.placed_changed();
+                }
+                receivers = self.graph.receivers(from, receivers);
+                let parcel = inbox.put_state(state, now);
+                self.send_parcel(now, message, parcel, receivers);
+            }
+            PeerMessage::Mission(heartbeat) => {
+                let parcel = inbox.put_heartbeat(heartbeat, now);
+                self.send_parcel(now, message, parcel, receivers);
+            }
+            PeerMessage::Order(_) => {}
+        }
+    }
+
+    fn send_parcel(&mut self, now: LocalTime, message: &PeerMessage, parcel: Parcel, receivers: VehicleSet) {
+        let Some(from) = message.sender() else { return };
+        let key = MessageKey::of(message, 0);
+        let Reach { out, fading } = self.reach(from, receivers);
+        let what = Content::Parcel(parcel);
+        let sender = &mut self.senders[nth(from)];
+        let arrives_alike = !self.has_queues && !self.may_overtake;
+        let alike =
+            if arrives_alike { receivers.without(out).without(sender.with_particular) } else { VehicleSet::default() };
+        self.numbers.draw(&key, !fading.is_empty());
+        if !alike.is_empty() {
+            let mut through = alike;
+            for (id, share) in &fading {
+                if self.numbers.of(Draw::Distance, *id) < *share {
+                    through.remove(*id);
+                }
+            }
+            if self.everywhere.burst_s.is_some() {
+                for id in alike.iter() {
+                    let Some(channel) = sender.channels.get_mut(usize::from(id.get())) else { continue };
+                    let of_link = |turn| self.draws.of_link(from.get().into(), turn, id);
+                    if channel.is_in_burst(&self.everywhere, now, of_link) == Some(true) {
+                        through.remove(id);
+                    }
+                }
+            } else if self.everywhere.loss > 0.0 {
+                through = through.without(self.numbers.below(Draw::Loss, self.everywhere.loss));
+            }
+            self.serial += 1;
+            let at = now.plus_seconds(self.everywhere.delay_s);
+            self.put_in_flight(OnItsWay { serial: self.serial, what, receivers: through, at: Arrivals::Alike(at) }, at);
+        }
+        // Messages out of range take up bandwidth, and have no other effect.
+        let mut single = if self.has_queues { receivers } else { receivers.without(out) }.without(alike);
+        if single.is_empty() {
+            return;
+        }
+        self.serial += 3;
+        if self.only_jitters && fading.is_empty() {
+            let jittered = single.without(out).without(self.senders[nth(from)].with_particular);
+            let lost = if self.everywhere.loss > 0.0 {
+                self.numbers.below(Draw::Loss, self.everywhere.loss)
+            } else {
+                VehicleSet::default()
+            };
+            self.add_jittered(now, what, jittered.without(lost));
+            single = single.without(jittered);
+        }
+        let size_bytes = core::cell::OnceCell::new();
+        let mut batch = core::mem::take(&mut self.batch);
+        for id in single.iter() {
+            let lost_by_distance = if out.contains(id) { 1.0 } else { lost_by_distance(&fading, id) };
+            let SwarmSender { particular, with_particular, channels, .. } = &mut self.senders[nth(from)];
+            let of_its_own = if with_particular.contains(id) { quality_to(id, particular) } else { None };
+            let quality = of_its_own.unwrap_or(&self.everywhere);
+            let mut idle = Channel::default();
+            let channel = channels.get_mut(usize::from(id.get())).unwrap_or(&mut idle);
+            let size = || *size_bytes.get_or_init(|| size_bytes_of(message));
+            let Some(sent_at) = channel.through_queue(quality, size, now) else { continue };
+            let of_link = |turn| self.draws.of_link(from.get().into(), turn, id);
+            let is_in_burst = channel.is_in_burst(quality, sent_at, of_link);
+            let chance = |what| self.numbers.of(what, id);
+            let fate = delivery(quality, chance, sent_at, is_in_burst, lost_by_distance);
+            let Delivery::Arrives { at, copy_at } = fate else { continue };
+            batch.add(self.frame_ns, (self.serial - 1, what), id, at);
+            if let Some(copy_at) = copy_at {
+                batch.add(self.frame_ns, (self.serial, what), id, copy_at);
+            }
+        }
+        for (message, end_ns) in batch.due.drain(..) {
+            self.put_in_flight(message, LocalTime::from_nanoseconds(end_ns));
+        }
+        self.batch = batch;
+    }
+
+    /// Adds the receivers that a message reaches after a random delay of its own for each.
+    fn add_jittered(&mut self, now: LocalTime, what: Content, receivers: VehicleSet) {
+        let Self { numbers, batch, everywhere: Quality { delay_s, jitter_s, .. }, serial, frame_ns, .. } = self;
+        for id in receivers.iter() {
+            let at = now.plus_seconds(*delay_s + numbers.of(Draw::Jitter, id) * *jitter_s + 0.0);
+            batch.add(*frame_ns, (*serial - 2, what), id, at);
+        }
+    }
+
+    /// The receivers out of range of a sender, and those near that limit.
+    fn reach(&self, from: VehicleId, receivers: VehicleSet) -> Reach {
+        let mut reach = Reach { out: VehicleSet::default(), fading: Vec::new() };
+        let sender = &self.senders[nth(from)];
+        let (Some(range), Some((place, _))) = (self.range, sender.place) else { return reach };
+        let placed = receivers.both(sender.placed);
+        let (near, far) = self.places.near_and_far(place, range);
+        reach.out = placed.both(far);
+        for id in placed.without(near).without(far).iter() {
+            let Some(own) = self.receivers[nth(id)].position else { continue };
+            let share = range.loss_at((own - place).norm());
+            if share >= 1.0 {
+                reach.out.insert(id);
+            } else if share > 0.0 {
+                reach.fading.push((id, share));
+            }
+        }
+        reach
+    }
+
+    fn send_token(&mut self, now: LocalTime, (of, is_there): (VehicleId, bool), receivers: VehicleSet) {
+        self.serial += 1;
+        let sender = &self.senders[nth(of)];
+        let delays: Vec<_> = receivers
+            .iter()
+            .map(|id| (id, quality_to(id, &sender.particular).unwrap_or(&self.everywhere).delay_s))
+            .collect();
+        for (id, delay_s) in delays {
+            self.put_one(self.serial, Content::Token(of, is_there), id, now.plus_seconds(delay_s));
+        }
+    }
+
+    fn send_order(&mut self, now: LocalTime, message: &PeerMessage, receivers: VehicleSet) {
+        let PeerMessage::Order(order) = message else { return };
+        self.serial += 2;
+        for id in receivers.iter() {
+            let Receiver { operator, orders, .. } = &mut self.receivers[nth(id)];
+            let key = MessageKey::of(message, *orders);
+            *orders += 1;
+            let direction = Direction { sender: 0, receiver: id, quality: &self.everywhere };
+            let fate = operator.fate(&self.draws, &direction, (&key, || size_bytes_of(message)), now, 0.0);
+            let Delivery::Arrives { at, copy_at } = fate else { continue };
+            self.put_one(self.serial - 1, Content::Order(*order), id, at);
+            if let Some(copy_at) = copy_at {
+                self.put_one(self.serial, Content::Order(*order), id, copy_at);
+            }
+        }
+    }
+
+    /// The frame in which a message that arrives at this time is due, counted from the next one.
+    fn frame_of(&self, at: LocalTime) -> usize {
+        (at.nanoseconds().div_ceil(self.frame_ns)).saturating_sub(self.next_frame) as usize
+    }
+
+    /// Puts a message in flight that is due at this time.
+    fn put_in_flight(&mut self, message: OnItsWay, at: LocalTime) {
+        if message.receivers.is_empty() {
+            return;
+        }
+        if let Content::Parcel(parcel) = message.what {
+            Arc::make_mut(&mut self.inbox).expect(parcel, 1);
+        }
+        let frame = self.frame_of(at);
+        if self.in_flight.len() <= frame {
+            self.in_flight.resize_with(frame + 1, Vec::new);
+        }
+        self.in_flight[frame].push(message);
+    }
+
+    /// Puts a message in flight to one more receiver; receivers follow each other in the order of ids.
+    fn put_one(&mut self, serial: u64, what: Content, receiver: VehicleId, at: LocalTime) {
+        let frame = self.frame_of(at);
+        let begun = self.in_flight.get_mut(frame).and_then(|due| {
+            // At most two messages at a time are being put, the second one the copy of the first.
+            due.iter_mut().rev().take(2).find(|message| message.serial == serial)
+        });
+        match begun {
+            Some(OnItsWay { receivers, at: Arrivals::Each(all), .. }) => {
+                receivers.insert(receiver);
+                all.push(at);
+            }
+            _ => {
+                let (receivers, all) = ([receiver].into_iter().collect(), Arrivals::Each(vec![at]));
+                self.put_in_flight(OnItsWay { serial, what, receivers, at: all }, at);
+            }
+        }
+    }
+
+    /// Delivers what is due in the next frame.
+    fn arrive(&mut self) {
+        let inbox = Arc::make_mut(&mut self.inbox);
+        let Some(due) = self.in_flight.pop_front() else { return };
+        let twice = if self.may_overtake { received_twice(&due, inbox, self.receivers.len()) } else { Vec::new() };
+        let mut in_turn: Vec<(VehicleId, LocalTime, u64, Parcel)> = Vec::new();
+        for message in &due {
+            let OnItsWay { serial, what, mut receivers, .. } = *message;
+            match what {
+                Content::Parcel(parcel) => {
+                    inbox.expect(parcel, -1);
+                    inbox.note_delay(parcel, message.last_at());
+                    let all = receivers.iter();
+                    if let Some(twice) = twice.get(inbox.place(parcel)) {
+                        let twice = twice.both(receivers);
+                        in_turn.extend(twice.iter().map(|id| (id, message.at(id), serial, parcel)));
+                        receivers = receivers.without(twice);
+                    }
+                    match &message.at {
+                        Arrivals::Alike(at) => inbox.deliver(parcel, receivers.iter().map(|id| (id, *at)), serial),
+                        Arrivals::Each(each) if receivers == message.receivers => {
+                            inbox.deliver(parcel, all.zip(each.iter().copied()), serial);
+                        }
+                        Arrivals::Each(each) => {
+                            let arrivals = all.zip(each.iter().copied());
+                            inbox.deliver(parcel, arrivals.filter(|(id, _)| receivers.contains(*id)), serial);
+                        }
+                    }
+                }
+                Content::Token(of, is_there) => {
+                    receivers.iter().for_each(|id| inbox.deliver_token((of, is_there), id, serial, message.at(id)));
+                }
+                Content::Order(order) => {
+                    receivers.iter().for_each(|id| inbox.deliver_order(order, id, serial, message.at(id)));
+                }
+            }
+        }
+        for message in due {
+            if let Arrivals::Each(mut each) = message.at {
+                each.clear();
+                self.batch.spare.push(each);
+            }
+        }
+        in_turn.sort_by_key(|(id, at, serial, _)| (*id, *at, *serial));
+        for (id, at, serial, parcel) in in_turn {
+            inbox.deliver(parcel, core::iter::once((id, at)), serial);
+        }
+        inbox.sort_news();
+        self.next_frame += 1;
+    }
+}
+
+/// The settings of the link to this receiver, if it has settings of its own.
+fn quality_to(receiver: VehicleId, particular: &[(VehicleId, Quality)]) -> Option<&Quality> {
+    let listed = particular.binary_search_by_key(&receiver, |(id, _)| *id).ok();
+    listed.and_then(|nth| particular.get(nth)).map(|(_, quality)| quality)
+}
+
+fn lost_by_distance(fading: &[(VehicleId, f64)], receiver: VehicleId) -> f64 {
+    let listed = fading.binary_search_by_key(&receiver, |(id, _)| *id).ok();
+    listed.and_then(|nth| fading.get(nth)).map_or(0.0, |(_, share)| *share)
+}
+
+/// Size of a message on the wire, bytes.
+fn size_bytes_of(message: &PeerMessage) -> usize {
+    size_bytes(message)
+}
+
+/// Index of the vehicle in tables in the order of ids.
+fn nth(id: VehicleId) -> usize {
+    usize::from(id.get()) - 1
+}

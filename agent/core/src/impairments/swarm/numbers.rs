@@ -1,0 +1,52 @@
+//! The random numbers of one message at all receivers of a swarm.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use skein_common::id::{VehicleId, VehicleSet};
+
+use super::super::draw::{AllDraws, Draw, MessageKey, share};
+
+/// The random numbers of one message at all receivers, by what they decide.
+#[derive(Clone, Debug)]
+pub(super) struct Numbers {
+    source: AllDraws,
+    /// The decisions that any link needs.
+    needed: Vec<Draw>,
+    columns: [Vec<u32>; Draw::COUNT],
+}
+
+impl Numbers {
+    /// The numbers at vehicles 1 to `count`, of which links need those that decide `needed`.
+    pub(super) fn new(source: AllDraws, needed: Vec<Draw>, count: usize) -> Self {
+        Self { source, needed, columns: core::array::from_fn(|_| vec![0; count + 1]) }
+    }
+
+    /// Draws the numbers of a message. Those that decide a loss by distance are seldom needed.
+    pub(super) fn draw(&mut self, key: &MessageKey, with_distance: bool) {
+        let Self { source, needed, columns } = self;
+        for what in needed.iter().copied().chain(with_distance.then_some(Draw::Distance)) {
+            source.fill(what, key, &mut columns[what as usize]);
+        }
+    }
+
+    /// The number that decides this at a receiver, in [0, 1).
+    #[inline]
+    pub(super) fn of(&self, what: Draw, receiver: VehicleId) -> f64 {
+        share(self.columns[what as usize][usize::from(receiver.get())])
+    }
+
+    /// The receivers whose number is below this share.
+    pub(super) fn below(&self, what: Draw, below: f64) -> VehicleSet {
+        // A whole number is below another number if it is below that one rounded up.
+        let exact = below / share(1);
+        let limit = exact as u64 + u64::from(((exact as u64) as f64) < exact);
+        let by_id = self.columns[what as usize].get(1..).unwrap_or_default();
+        let mut blocks = [0; 4];
+        for (block, numbers) in blocks.iter_mut().zip(by_id.chunks(64)) {
+            let bits = numbers.iter().enumerate().map(|(nth, number)| u64::from(u64::from(*number) < limit) << nth);
+            *block = bits.fold(0, |all, bit| all | bit);
+        }
+        VehicleSet::try_from(blocks).unwrap_or_default()
+    }
+}

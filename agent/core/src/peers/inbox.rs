@@ -1,0 +1,547 @@
+//! The newest messages that all vehicles of a simulated swarm have received, in one place.
+//!
+//! A message lies here once, however many vehicles receive it. What differs between receivers is in columns, one for each
+//! sender: the message that is the newest at each receiver, and its arrival. An arrival writes a column and marks the sender at the
+//! receiver; most receivers need nothing more, because most messages change only what their senders' columns hold. The others
+//! get an item of news: an echo for them, a changed agreement state, an order, a token, a new incarnation.
+//!
+//! Agents read the inbox, each its own place of every column, and the network fills it between two frames
+//! ([`crate::impairments::SwarmNetwork`]).
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use skein_common::frame::PositionNed;
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
+use skein_common::message::{Header, Heartbeat, MessageOrder, Order};
+use skein_common::time::LocalTime;
+
+use super::index;
+use super::message::ReceivedState;
+use super::peer::{Agreed, AgreementChange, KeptHeartbeat, Motion, Newest, StateArrival};
+use crate::delay::{Excess, since_stamp_s};
+
+/// The newest messages of all senders at all receivers.
+#[derive(Clone, Debug)]
+pub struct SwarmInbox {
+    plan: u64,
+    senders: Vec<FromSender>,
+    /// All that receivers have received in this frame.
+    news: AllNews,
+    /// The operators' orders that have arrived in this frame.
+    orders: Vec<Order>,
+    /// A length that no vehicle's position has exceeded on its way through the states it had sent before this frame, horizontally,
+    /// m: the sum over the frames of the longest way in each.
+    travelled_m: f64,
+    /// The longest way to a state that was sent in this frame, m.
+    longest_way_m: f64,
+    /// Largest horizontal speed of a state so far, m/s.
+    fastest_m_s: f64,
+    /// Largest excess of a state's delay so far.
+    largest_excess: Option<Excess>,
+}
+
+/// The messages of one sender.
+#[derive(Clone, Debug)]
+struct FromSender {
+    states: Column<ReceivedState>,
+    heartbeats: Column<NumberedHeartbeat>,
+    /// Number of changes of its agreement state so far.
+    changes: u32,
+    /// Its newest heartbeat, and whether it has ever begun a new incarnation.
+    last: Option<Heartbeat>,
+    /// Its position in its newest state, and when that was sent.
+    place: Option<(PositionNed, LocalTime)>,
+    has_restarted: bool,
+    /// When each receiver last saw a gap in the numbers of the heartbeats; zero if never.
+    gaps_at: Vec<LocalTime>,
+}
+
+/// A heartbeat with the number of changes of the agreement state until it was sent.
+#[derive(Clone, Copy, Debug)]
+struct NumberedHeartbeat {
+    message: Heartbeat,
+    changes: u32,
+    /// Whether every receiver has to look at it: it repeats an order, or its sender flies another plan.
+    needs_all: bool,
+}
+
+/// The messages of one kind from one sender that may still be needed, and the newest one at each receiver.
+#[derive(Clone, Debug)]
+struct Column<M> {
+    slots: Vec<Slot<M>>,
+    free: Vec<SlotIndex>,
+    newest: Vec<Arrival>,
+}
+
+/// The newest message of a sender at a receiver.
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    at: LocalTime,
+    slot: Option<NonZeroSlot>,
+}
+
+impl Arrival {
+    const NONE: Self = Self { at: LocalTime::ZERO, slot: None };
+}
+
+type SlotIndex = u16;
+/// The index of a slot and one.
+type NonZeroSlot = core::num::NonZeroU16;
+
+#[derive(Clone, Copy, Debug)]
+struct Slot<M> {
+    message: M,
+    order: MessageOrder,
+    sent_at: LocalTime,
+    /// Number of the deliveries that are still to come.
+    in_flight: u16,
+    /// [`SwarmInbox::travelled_m`] in the frame in which it was sent.
+    travelled_m: f64,
+}
+
+/// The time of an arrival, and the number of the delivery, which orders those of the same time.
+pub(super) type Turn = (LocalTime, u64);
+
+/// All that one receiver has received in a frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct News<'a> {
+    /// The senders of states and of heartbeats that were accepted.
+    pub(super) states: VehicleSet,
+    pub(super) heartbeats: VehicleSet,
+    /// All that needs more, in the order of arrival.
+    pub(super) items: &'a [NewsItem],
+}
+
+/// An item of news, with its arrival.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct NewsItem {
+    receiver: u8,
+    turn: Turn,
+    pub(super) item: Item,
+}
+
+impl NewsItem {
+    pub(super) fn at(&self) -> LocalTime {
+        self.turn.0
+    }
+}
+
+/// The news of all receivers in a frame.
+#[derive(Clone, Debug)]
+struct AllNews {
+    /// The senders of accepted states and heartbeats, for each receiver.
+    states: Vec<VehicleSet>,
+    heartbeats: Vec<VehicleSet>,
+    /// By receiver once they are sorted.
+    items: Vec<NewsItem>,
+}
+
+impl AllNews {
+    fn add(&mut self, receiver: usize, turn: Turn, item: Item) {
+        self.items.push(NewsItem { receiver: receiver as u8, turn, item });
+    }
+}
+
+/// An item of news.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Item {
+    /// The sender has begun a new incarnation.
+    Restarted(VehicleId),
+    /// A heartbeat that was accepted ([`SwarmInbox::heartbeat_of`]), and what of its sender's agreement state it changes.
+    Heartbeat(Parcel, AgreementChange),
+    /// A message that was dropped because a newer one had been received.
+    Old(VehicleId),
+    /// The liveliness token of a vehicle appeared or vanished.
+    Token(VehicleId, bool),
+    /// An operator's order, by its number in the frame ([`SwarmInbox::order`]).
+    Order(usize),
+}
+
+/// A state or heartbeat in the inbox.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Parcel {
+    sender: VehicleId,
+    kind: ParcelKind,
+    slot: SlotIndex,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ParcelKind {
+    State,
+    Heartbeat,
+}
+
+impl<M: Copy> Column<M> {
+    fn new(receivers: usize) -> Self {
+        Self { slots: Vec::new(), free: Vec::new(), newest: vec![Arrival::NONE; receivers] }
+    }
+
+    /// Puts a message into a slot.
+    fn put(&mut self, slot: Slot<M>) -> SlotIndex {
+        if self.free.is_empty() {
+            self.sweep();
+        }
+        if let Some(index) = self.free.pop() {
+            self.slots[usize::from(index)] = slot;
+            index
+        } else {
+            self.slots.push(slot);
+            (self.slots.len() - 1) as SlotIndex
+        }
+    }
+
+    /// Frees the slots of messages that are the newest at no receiver and will not be delivered. If they are few, more room is
+    /// made, so that the next sweep is some messages away.
+    fn sweep(&mut self) {
+        let mut is_needed: Vec<bool> = self.slots.iter().map(|slot| slot.in_flight > 0).collect();
+        let newest = self.newest.iter().filter_map(|arrival| arrival.slot);
+        newest.for_each(|slot| is_needed[slot_index(slot)] = true);
+        let unneeded = is_needed.iter().enumerate().filter(|(_, is_needed)| !**is_needed);
+        self.free.extend(unneeded.map(|(index, _)| index as SlotIndex));
+        const ROOM: usize = 6;
+        if let (Some(&any), true) = (self.slots.last(), self.free.len() < ROOM) {
+            let begin = self.slots.len();
+            self.slots.reserve_exact(ROOM);
+            self.slots.resize(begin + ROOM, any);
+            self.slots[begin..].iter_mut().for_each(|slot| slot.in_flight = 0);
+            self.free.extend((begin..self.slots.len()).map(|index| index as SlotIndex));
+        }
+    }
+
+    #[inline]
+    fn newest(&self, receiver: usize) -> Option<(&Slot<M>, LocalTime)> {
+        let Arrival { at, slot } = *self.newest.get(receiver)?;
+        Some((&self.slots[slot_index(slot?)], at))
+    }
+}
+
+#[inline]
+fn slot_index(slot: NonZeroSlot) -> usize {
+    usize::from(slot.get() - 1)
+}
+
+impl FromSender {
+    fn new(receivers: usize) -> Self {
+        let (states, heartbeats) = (Column::new(receivers), Column::new(receivers));
+        Self {
+            states,
+            heartbeats,
+            changes: 0,
+            last: None,
+            place: None,
+            has_restarted: false,
+            gaps_at: vec![LocalTime::ZERO; receivers],
+        }
+    }
+}
+
+impl FromSender {
+    /// Notes the begin of a new incarnation.
+    fn is_sending(&mut self, header: &Header) {
+        self.has_restarted |= self.last.is_some_and(|last| last.header.incarnation != header.incarnation);
+    }
+
+    /// Whether a receiver may accept a message by its incarnation. The first one of a new incarnation makes the earlier ones
+    /// void.
+    fn is_of_current_incarnation(&mut self, of: Incarnation, nth: usize, turn: Turn, news: &mut AllNews) -> bool {
+        let Self { states, heartbeats, .. } = self;
+        let incarnation = |order: MessageOrder| order.incarnation;
+        let before = states.newest(nth).map(|(slot, _)| incarnation(slot.order));
+        let before = before.max(heartbeats.newest(nth).map(|(slot, _)| incarnation(slot.order)));
+        if before.is_some_and(|before| before < of) {
+            (states.newest[nth], heartbeats.newest[nth]) = (Arrival::NONE, Arrival::NONE);
+            if let Some(id) = self.last.map(|last| last.header.sender) {
+                news.add(nth, turn, Item::Restarted(id));
+            }
+        }
+        before.is_none_or(|before| before <= of)
+    }
+
+    fn deliver_state(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = (usize, Turn)>, news: &mut AllNews) {
+        let order = self.states.slots[usize::from(parcel.slot)].order;
+        let slot = NonZeroSlot::new(parcel.slot + 1);
+        // Most receivers have the same message before this one.
+        let mut compared = (None, true);
+        for (nth, turn) in arrivals {
+            let is_current = !self.has_restarted || self.is_of_current_incarnation(order.incarnation, nth, turn, news);
+            let before = self.states.newest[nth].slot;
+            if before != compared.0 {
+                let is_newer = before.is_none_or(|last| self.states.slots[slot_index(last)].order < order);
+                compared = (before, is_newer);
+            }
+            if !is_current || !compared.1 {
+                news.add(nth, turn, Item::Old(parcel.sender));
+                continue;
+            }
+            self.states.newest[nth] = Arrival { at: turn.0, slot };
+            news.states[nth].insert(parcel.sender);
+        }
+    }
+
+    fn deliver_heartbeat(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = (usize, Turn)>, news: &mut AllNews) {
+        let Slot { order, message: NumberedHeartbeat { message, needs_all, .. }, .. } =
+            &self.heartbeats.slots[usize::from(parcel.slot)];
+        let (order, needs_all) = (*order, *needs_all);
+        let echoed = message.echo.map(|echo| index(echo.of));
+        let slot = NonZeroSlot::new(parcel.slot + 1);
+        let mut compared = (None, After::Newer { has_gap: false, change: AgreementChange::Steps });
+        for (nth, turn) in arrivals {
+            if self.has_restarted && !self.is_of_current_incarnation(order.incarnation, nth, turn, news) {
+                news.add(nth, turn, Item::Old(parcel.sender));
+                continue;
+            }
+            let before = self.heartbeats.newest[nth].slot;
+            if before != compared.0 {
+                compared = (before, self.after(before, parcel.slot));
+            }
+            match compared.1 {
+                After::Newer { has_gap, change } => {
+                    if has_gap {
+                        self.gaps_at[nth] = turn.0;
+                    }
+                    self.heartbeats.newest[nth] = Arrival { at: turn.0, slot };
+                    news.heartbeats[nth].insert(parcel.sender);
+                    if needs_all || echoed == Some(nth) || change != AgreementChange::Nothing {
+                        news.add(nth, turn, Item::Heartbeat(parcel, change));
+                    }
+                }
+                After::Same => {}
+                After::Older => news.add(nth, turn, Item::Old(parcel.sender)),
+            }
+        }
+    }
+
+    /// Compares a heartbeat with the one in slot `before`, the newest of a receiver.
+    fn after(&self, before: Option<NonZeroSlot>, slot: SlotIndex) -> After {
+        let Some(before) = before else { return After::Newer { has_gap: false, change: AgreementChange::Steps } };
+        let [last, new] = [slot_index(before), usize::from(slot)].map(|slot| &self.heartbeats.slots[slot]);
+        if last.order >= new.order {
+            // A heartbeat is repeated to every agent that asks for it.
+            return if last.order == new.order { After::Same } else { After::Older };
+        }
+        let change = if last.message.changes == new.message.changes {
+            AgreementChange::Nothing
+        } else {
+            agreed(&last.message.message).change_to(&agreed(&new.message.message))
+        };
+        After::Newer { has_gap: last.order.sequence + 1 < new.order.sequence, change }
+    }
+}
+
+/// A heartbeat compared with the newest one of a receiver.
+#[derive(Clone, Copy, Debug)]
+enum After {
+    Newer { has_gap: bool, change: AgreementChange },
+    Same,
+    Older,
+}
+
+/// The agreement state of a sender, whose plan stays the same.
+fn agreed(heartbeat: &Heartbeat) -> Agreed {
+    Agreed::new(heartbeat, heartbeat.plan)
+}
+
+impl SwarmInbox {
+    /// The inbox of a swarm of vehicles 1 to `roster` that fly the plan with this hash, before any message.
+    pub fn new(roster: u8, plan: u64) -> Self {
+        let count = usize::from(roster);
+        let senders = (0..count).map(|_| FromSender::new(count)).collect();
+        let sets = || vec![VehicleSet::default(); count];
+        let (news, orders) = (AllNews { states: sets(), heartbeats: sets(), items: Vec::new() }, Vec::new());
+        Self {
+            plan,
+            senders,
+            news,
+            orders,
+            travelled_m: 0.0,
+            longest_way_m: 0.0,
+            fastest_m_s: 0.0,
+            largest_excess: None,
+        }
+    }
+
+    /// Begins a frame.
+    pub fn begin_frame(&mut self) {
+        self.travelled_m += core::mem::take(&mut self.longest_way_m);
+        self.orders.clear();
+        let AllNews { states, heartbeats, items } = &mut self.news;
+        states.fill(VehicleSet::default());
+        heartbeats.fill(VehicleSet::default());
+        items.clear();
+        // The first frames have much more news than all others.
+        items.shrink_to(4 * states.len());
+    }
+
+    /// Orders the news of the frame by receiver and arrival.
+    pub fn sort_news(&mut self) {
+        // A new incarnation begins before the message that shows it.
+        let order = |news: &NewsItem| (news.receiver, news.turn, !matches!(news.item, Item::Restarted(_)));
+        self.news.items.sort_unstable_by_key(order);
+    }
+
+    /// Puts a state into the inbox, before any receiver has it.
+    pub fn put_state(&mut self, state: &ReceivedState, sent_at: LocalTime) -> Parcel {
+        let sender = state.header.sender;
+        let from = &mut self.senders[index(sender)];
+        from.is_sending(&state.header);
+        if let Some((before, before_at)) = from.place.replace((state.position, sent_at)) {
+            let way_m = (state.position - before).xy().norm();
+            if before_at == sent_at {
+                self.travelled_m += way_m;
+            } else {
+                self.longest_way_m = self.longest_way_m.max(way_m);
+            }
+        }
+        self.fastest_m_s = self.fastest_m_s.max(state.velocity.horizontal().norm());
+        let slot =
+            Slot { message: *state, order: state.header.order(), sent_at, in_flight: 0, travelled_m: self.travelled_m };
+        let slot = from.states.put(slot);
+        Parcel { sender, kind: ParcelKind::State, slot }
+    }
+
+    /// Puts a heartbeat into the inbox, before any receiver has it.
+    pub fn put_heartbeat(&mut self, heartbeat: &Heartbeat, sent_at: LocalTime) -> Parcel {
+        let sender = heartbeat.header.sender;
+        let needs_all = heartbeat.order.is_some() || heartbeat.plan != self.plan;
+        let from = &mut self.senders[index(sender)];
+        from.is_sending(&heartbeat.header);
+        let before = from.last.replace(*heartbeat);
+        from.changes += u32::from(before.is_none_or(|before| agreed(&before) != agreed(heartbeat)));
+        let message = NumberedHeartbeat { message: *heartbeat, changes: from.changes, needs_all };
+        let slot =
+            Slot { message, order: heartbeat.header.order(), sent_at, in_flight: 0, travelled_m: self.travelled_m };
+        let slot = from.heartbeats.put(slot);
+        Parcel { sender, kind: ParcelKind::Heartbeat, slot }
+    }
+
+    /// Counts deliveries of a message that are still to come, or fewer of them.
+    pub fn expect(&mut self, parcel: Parcel, deliveries: i16) {
+        let from = &mut self.senders[index(parcel.sender)];
+        let in_flight = match parcel.kind {
+            ParcelKind::State => &mut from.states.slots[usize::from(parcel.slot)].in_flight,
+            ParcelKind::Heartbeat => &mut from.heartbeats.slots[usize::from(parcel.slot)].in_flight,
+        };
+        *in_flight = in_flight.wrapping_add_signed(deliveries);
+    }
+
+    /// Delivers a message to receivers, to each at its time. `serial` is the number of the delivery.
+    #[inline]
+    pub fn deliver(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = (VehicleId, LocalTime)>, serial: u64) {
+        let Self { senders, news, .. } = self;
+        let from = &mut senders[index(parcel.sender)];
+        let arrivals = arrivals.map(|(id, at)| (index(id), (at, serial)));
+        match parcel.kind {
+            ParcelKind::State => from.deliver_state(parcel, arrivals, news),
+            ParcelKind::Heartbeat => from.deliver_heartbeat(parcel, arrivals, news),
+        }
+    }
+
+    /// The place of a message in a table of so many places for each vehicle: at one receiver, the order of arrival matters
+    /// between messages of one place alone.
+    pub fn place(&self, parcel: Parcel) -> usize {
+        // The first message of a new incarnation makes those of the earlier one void, whatever their kind.
+        let by_kind = !self.senders[index(parcel.sender)].has_restarted;
+        Self::PLACES * index(parcel.sender) + if by_kind { parcel.kind as usize } else { 0 }
+    }
+
+    /// Number of places for each vehicle in a table by [`Self::place`].
+    pub const PLACES: usize = 2;
+
+    /// Reports to a receiver whether the token of a vehicle is there.
+    pub fn deliver_token(&mut self, (of, is_there): (VehicleId, bool), to: VehicleId, serial: u64, at: LocalTime) {
+        self.news.add(index(to), (at, serial), Item::Token(of, is_there));
+    }
+
+    /// Delivers an operator's order.
+    pub fn deliver_order(&mut self, order: Order, to: VehicleId, serial: u64, at: LocalTime) {
+        self.news.add(index(to), (at, serial), Item::Order(self.orders.len()));
+        self.orders.push(order);
+    }
+
+    /// Forgets all that a receiver has received: its agent has ended.
+    pub fn forget(&mut self, receiver: VehicleId) {
+        let nth = index(receiver);
+        for from in &mut self.senders {
+            (from.states.newest[nth], from.heartbeats.newest[nth]) = (Arrival::NONE, Arrival::NONE);
+            from.gaps_at[nth] = LocalTime::ZERO;
+        }
+        (self.news.states[nth], self.news.heartbeats[nth]) = Default::default();
+        self.news.items.retain(|item| usize::from(item.receiver) != nth);
+    }
+
+    /// Notes that a state arrives at its last receiver at this time.
+    pub fn note_delay(&mut self, parcel: Parcel, last_at: LocalTime) {
+        if parcel.kind == ParcelKind::State {
+            let stamp = self.senders[index(parcel.sender)].states.slots[usize::from(parcel.slot)].message.header.stamp;
+            let excess = Excess::new(last_at, since_stamp_s(last_at, stamp));
+            self.largest_excess = Some(self.largest_excess.map_or(excess, |largest| largest.max(excess)));
+        }
+    }
+
+    /// The heartbeat of an item of news.
+    pub(super) fn heartbeat_of(&self, parcel: Parcel) -> &Heartbeat {
+        &self.senders[index(parcel.sender)].heartbeats.slots[usize::from(parcel.slot)].message.message
+    }
+
+    /// The order of an item of news.
+    pub(super) fn order(&self, nth: usize) -> Option<&Order> {
+        self.orders.get(nth)
+    }
+
+    /// How far the states of all vehicles have come, and the largest excess of their delays.
+    pub(super) fn travel(&self) -> (f64, f64, Option<Excess>) {
+        (self.travelled_m + self.longest_way_m, self.fastest_m_s, self.largest_excess)
+    }
+
+    /// The length in [`Self::travel`] that counts for the newest state of a sender at a receiver, m.
+    pub(super) fn travelled_m(&self, sender: usize, receiver: usize) -> f64 {
+        self.senders.get(sender).and_then(|from| from.states.newest(receiver)).map_or(0.0, |(slot, _)| slot.travelled_m)
+    }
+
+    /// All that this vehicle has received in this frame.
+    pub(super) fn news(&self, receiver: usize) -> News<'_> {
+        let AllNews { states, heartbeats, items } = &self.news;
+        let begin = items.partition_point(|item| usize::from(item.receiver) < receiver);
+        let count = items[begin..].partition_point(|item| usize::from(item.receiver) == receiver);
+        News { states: states[receiver], heartbeats: heartbeats[receiver], items: &items[begin..begin + count] }
+    }
+
+    /// The newest state of a sender at a receiver.
+    #[inline]
+    pub(super) fn motion(&self, sender: usize, receiver: usize) -> Option<Motion> {
+        let (slot, at) = self.senders.get(sender)?.states.newest(receiver)?;
+        let ReceivedState { header, position, velocity, heading_rad, .. } = slot.message;
+        let excess = Excess::new(at, since_stamp_s(at, header.stamp));
+        Some(Motion { position, velocity, heading_rad, at, excess })
+    }
+
+    /// Time from the sending of a sender's newest state to its arrival at a receiver, s.
+    pub(super) fn latency_s(&self, sender: usize, receiver: usize) -> Option<f64> {
+        let (slot, at) = self.senders.get(sender)?.states.newest(receiver)?;
+        Some(at.seconds_since(slot.sent_at))
+    }
+
+    /// The newest messages of a sender at a receiver.
+    pub(super) fn newest(&self, sender: usize, receiver: usize) -> Newest {
+        let Some(from) = self.senders.get(sender) else { return Newest::default() };
+        let state = from.states.newest(receiver).map(|(slot, at)| StateArrival { sequence: slot.order.sequence, at });
+        let heartbeat = self.heartbeat(sender, receiver);
+        let received_at = state.map(|state| state.at).max(heartbeat.map(|heartbeat| heartbeat.at));
+        Newest {
+            state,
+            heartbeat,
+            received_at,
+            gap_at: Some(from.gaps_at[receiver]).filter(|at| *at > LocalTime::ZERO),
+        }
+    }
+
+    /// The newest heartbeat of a sender at a receiver.
+    pub(super) fn heartbeat(&self, sender: usize, receiver: usize) -> Option<KeptHeartbeat> {
+        let (slot, at) = self.senders.get(sender)?.heartbeats.newest(receiver)?;
+        let message = &slot.message.message;
+        let agreement = Agreed::new(message, self.plan);
+        let (sequence, stamp, progress_m) = (slot.order.sequence, message.header.stamp, message.progress_m);
+        Some(KeptHeartbeat { sequence, stamp, at, progress_m, agreement })
+    }
+}
