@@ -2,10 +2,10 @@
 //! scenario's network and under its faults.
 //!
 //! One tick is one frame of every vehicle. A message sent in a tick is received in the next one by all other agents. It
-//! passes through the same encoding as on the wire and through each receiver's
-//! [`Station`](skein_core::station::Station). Agents without impairments that have received the same share the records
-//! of it ([`SharedRecords`]). Faults are injected after the agents have received messages and before
-//! they step.
+//! passes through the same encoding as on the wire. Over a perfect network, agents that have received the same share the
+//! records of it ([`SharedRecords`]); over another, they read the inbox of the swarm ([`SwarmNetwork`]). What that network
+//! does not have, such as a cut, the impairments in each receiver's [`Station`] do. Faults are injected after the agents
+//! have received messages and before they step.
 //!
 //! The agents run beside their vehicles (`world/beside.rs`), or in the central controller of `control.mode = "central"`
 //! (`world/central.rs`).
@@ -32,11 +32,13 @@ use skein_core::control::Rules;
 use skein_core::formation::external::{LawQuery, LawReply};
 use skein_core::formation::{self, UnsupportedScenario, Workspace};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
+use skein_core::impairments::SwarmNetwork;
 use skein_core::intent::ReceivedIntent;
 use skein_core::outbox::Outbox;
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState, SharedRecords};
 use skein_core::plant::{Command, Controls, Frame, GroundTruth};
 use skein_core::start::{StartAreaTooSmall, starts};
+use skein_core::station::Station;
 use skein_core::strangers::StrangerState;
 use skein_host::blocks::Blocks;
 use skein_host::parallel::at_once;
@@ -86,6 +88,8 @@ pub struct World {
     arriving: Vec<PeerMessage>,
     /// The knowledge of each other that all agents share which have received every message to all vehicles.
     records: SharedRecords,
+    /// The network between all vehicles, if it impairs messages and no vehicle needs impairments of its own.
+    network: Option<Box<SwarmNetwork>>,
     /// Groups of states of other teams that the agents receive in the next tick.
     strangers: Vec<Vec<StrangerState>>,
     /// Intents that the agents have sent in the last tick.
@@ -110,6 +114,16 @@ impl World {
     /// This build does not support the scenario, its vehicles do not fit into the start area, or an aircraft has no
     /// flight model.
     pub fn new(scenario: &Scenario, aircraft: &[Aircraft], rules: &Rules) -> Result<Self, WorldError> {
+        Self::over(SwarmNetwork::new(scenario, TICK_NS), scenario, aircraft, rules)
+    }
+
+    /// [`Self::new`] over this network between all vehicles. Without one each agent has the impairments of its own.
+    fn over(
+        network: Option<SwarmNetwork>,
+        scenario: &Scenario,
+        aircraft: &[Aircraft],
+        rules: &Rules,
+    ) -> Result<Self, WorldError> {
         formation::check(scenario)?;
         let is_central = scenario.control.mode == ControlMode::Central;
         let central = is_central.then(|| Box::new(Central::new(scenario)));
@@ -120,7 +134,11 @@ impl World {
             let known = if is_central { Central::aircraft_of_agents(aircraft) } else { aircraft.clone() };
             Ok(Vehicle::new(scenario, id, known, rules, plant)?)
         });
-        let vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
+        let mut vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
+        let mut network = network.map(Box::new);
+        if let Some(network) = &mut network {
+            vehicles.iter_mut().for_each(|vehicle| vehicle.join(network));
+        }
         Ok(Self {
             vehicles,
             blocks: vec![Blocks::default()],
@@ -130,6 +148,7 @@ impl World {
             in_flight: scenario.ids().map(PeerMessage::Appeared).collect(),
             arriving: Vec::new(),
             records: SharedRecords::new(scenario),
+            network,
             strangers: Vec::new(),
             intents: Vec::new(),
             to_one: Vec::new(),
@@ -186,8 +205,12 @@ impl World {
         self.deliver(now);
         self.follow_script(now);
         self.intents.clear();
-        let Self { vehicles, origin, in_flight, arriving, records, strangers, intents, asks, events, .. } = self;
-        let broadcast = Broadcast { messages: arriving, records: Some(records) };
+        let Self { vehicles, origin, in_flight, arriving, records, network, strangers, intents, asks, events, .. } =
+            self;
+        let broadcast = match network {
+            Some(network) => Broadcast { inbox: Some(network.inbox()), ..Broadcast::default() },
+            None => Broadcast { messages: arriving, records: Some(records), inbox: None },
+        };
         let arriving = Arriving { broadcast, strangers };
         let mut take = |vehicle: &mut Vehicle, outbox: Outbox, ask: Option<Box<LawQuery>>| {
             let id = vehicle.id;
@@ -361,7 +384,18 @@ impl World {
             return;
         }
         mem::swap(&mut self.in_flight, &mut self.arriving);
-        let Self { vehicles, central, arriving, records, to_one, strangers, .. } = self;
+        let Self { vehicles, central, arriving, records, network, to_one, strangers, .. } = self;
+        if let Some(network) = network {
+            for vehicle in vehicles.iter_mut() {
+                vehicle.takes_broadcast = true;
+                vehicle.receive_strangers(now, strangers);
+                vehicle.station.iter_mut().for_each(Station::release_inbox);
+            }
+            network.set_positions(vehicles.iter().map(|vehicle| vehicle.agent().and_then(Agent::position)));
+            network.deliver(now, to_one, arriving);
+            to_one.clear();
+            return;
+        }
         let mut any_takes_broadcast = false;
         for vehicle in vehicles.iter_mut() {
             let id = vehicle.id;
@@ -432,6 +466,9 @@ impl World {
         vehicle.clocks = *station.clocks();
         (vehicle.heartbeat, vehicle.command, vehicle.answer) = (None, None, None);
         vehicle.refusals.clear();
+        if let Some(network) = &mut self.network {
+            network.end(vehicle.id);
+        }
         self.ended_totals = with_counts(self.ended_totals, station.agent());
         self.in_flight.push(PeerMessage::Vanished(vehicle.id));
         self.pending_faults.push(InjectedFault::Died(vehicle.id));
@@ -450,7 +487,10 @@ impl World {
         let station = station.expect("the scenario has already flown");
         vehicle.station = Some(station);
         let restarted = vehicle.id;
-        vehicle.takes_broadcast = false;
+        vehicle.takes_broadcast = self.network.is_some();
+        if let Some(network) = &mut self.network {
+            vehicle.join(network);
+        }
         self.in_flight.push(PeerMessage::Appeared(restarted));
         for other in self.vehicles.iter().filter(|other| other.id != restarted && other.station.is_some()) {
             let messages = [Some(PeerMessage::Appeared(other.id)), other.heartbeat.map(PeerMessage::Mission)];

@@ -1,3 +1,5 @@
+mod network;
+
 use skein_common::message::Failure;
 use skein_common::scenario::{Source, load};
 use skein_common::state::Activity;

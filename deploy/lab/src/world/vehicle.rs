@@ -14,6 +14,7 @@ use skein_core::control::Rules;
 use skein_core::formation::external::LawReply;
 use skein_core::formation::{UnsupportedScenario, Workspace};
 use skein_core::helicopter::Script;
+use skein_core::impairments::SwarmNetwork;
 use skein_core::intent::ReceivedIntent;
 use skein_core::peers::{Broadcast, Received};
 use skein_core::pilot::SimulatedPilot;
@@ -114,6 +115,14 @@ impl Vehicle {
 
     pub(super) fn new_station(&self, scenario: &Scenario, rules: &Rules) -> Result<Station, UnsupportedScenario> {
         Station::new(scenario, self.id, self.incarnation, (&self.aircraft, rules.clone()), self.clocks)
+    }
+
+    /// Makes the agent receive its messages from the network of the whole swarm.
+    pub(super) fn join(&mut self, network: &mut SwarmNetwork) {
+        if let Some(station) = &mut self.station {
+            station.share_inbox();
+            network.begin(self.id);
+        }
     }
 
     /// The agent, if it runs.

@@ -1,0 +1,129 @@
+//! The network of the whole swarm against one network for each receiver, as live agents have it.
+
+use proptest::prelude::*;
+
+use super::*;
+
+fn scenario(sets: &[String]) -> Scenario {
+    let text = include_str!("../../../../scenarios/hover.toml");
+    load(&Source { name: "hover.toml", text }, sets).unwrap_or_else(|why| panic!("{sets:?}: {why}")).scenario
+}
+
+/// Whether these keys give a network that is not perfect.
+fn is_imperfect(sets: &[String]) -> bool {
+    SwarmNetwork::new(&scenario(sets), TICK_NS).is_some()
+}
+
+/// A swarm whose agents receive over the network of the swarm, and one whose agents each have the impairments of their own.
+fn both(sets: &[String]) -> [World; 2] {
+    let scenario = scenario(sets);
+    let aircraft = vec![Aircraft::shipped("xcell60").unwrap().unwrap(); scenario.swarm.vehicles];
+    let rules = Rules::shipped();
+    let network = SwarmNetwork::new(&scenario, TICK_NS);
+    assert!(network.is_some(), "{sets:?}");
+    [network, None].map(|network| World::over(network, &scenario, &aircraft, &rules).unwrap())
+}
+
+/// Flies both for this time, s, and compares all that they give, to the bit.
+fn compare(sets: &[String], seconds: f64) {
+    let [mut swarm, mut each] = both(sets);
+    while swarm.t_s() < seconds {
+        let [one, other] = [&mut swarm, &mut each].map(|world| {
+            world.tick();
+            let events: Vec<_> = world.events().collect();
+            let controls: Vec<_> =
+                world.all_vehicles().map(|(id, _, truth, controls)| (id, truth.position, controls)).collect();
+            (events, controls, world.faults().to_vec())
+        });
+        assert_eq!(one, other, "at {} s of {sets:?}", swarm.t_s());
+        if swarm.ticks.is_multiple_of(7) {
+            let [one, other] = [&mut swarm, &mut each].map(|world| world.traces().collect::<Vec<_>>());
+            assert_eq!(one, other, "at {} s of {sets:?}", swarm.t_s());
+        }
+    }
+    assert_eq!(swarm.totals(), each.totals());
+}
+
+/// Settings of one link.
+fn link() -> impl Strategy<Value = Vec<String>> {
+    let maybe = |key: &'static str, value: BoxedStrategy<f64>| {
+        prop_oneof![Just(Vec::new()), value.prop_map(move |value| vec![format!("{key}={value:.3}")])]
+    };
+    let from = |range: std::ops::Range<f64>| range.boxed();
+    (
+        maybe("loss", prop_oneof![0.0..0.3, 0.0..1.0].boxed()),
+        maybe("delay_s", prop_oneof![Just(0.02), Just(0.1), 0.0..0.5].boxed()),
+        maybe("jitter_s", from(0.001..0.3)),
+        maybe("reorder", from(0.0..0.5)),
+        maybe("duplicate", from(0.0..0.5)),
+        maybe("bandwidth_bit_s", prop_oneof![5e3..5e4, 2e4..5e5].boxed()),
+        maybe("burst_s", from(0.05..3.0)),
+    )
+        .prop_map(|(loss, delay, jitter, reorder, duplicate, bandwidth, burst)| {
+            let burst = if loss.is_empty() { Vec::new() } else { burst };
+            [loss, delay, jitter, reorder, duplicate, bandwidth, burst].concat()
+        })
+}
+
+/// The graph and the range.
+fn reach() -> impl Strategy<Value = Vec<String>> {
+    let graph = prop_oneof![
+        2 => Just(Vec::new()),
+        1 => (1_usize..4).prop_map(|count| vec!["graph='nearest'".to_owned(), format!("neighbours={count}")]),
+        1 => Just(vec!["graph='edges'".to_owned(), "edges=[[1,2],[2,1],[2,3],[3,2],[1,3]]".to_owned()]),
+    ];
+    let range = prop_oneof![
+        2 => Just(Vec::new()),
+        1 => (30.0..200.0).prop_map(|range_m: f64| vec![format!("range_m={range_m:.1}")]),
+        1 => (60.0..200.0, 0.2..0.9).prop_map(|(range_m, share): (f64, f64)| {
+            vec![format!("range_m={range_m:.1}"), format!("fade_m={:.1}", range_m * share)]
+        }),
+    ];
+    (graph, range).prop_map(|(graph, range)| [graph, range].concat())
+}
+
+/// Events with which agents end, begin and are given orders.
+fn events(vehicles: u8) -> impl Strategy<Value = String> {
+    let event = prop_oneof![
+        (0.0..25.0, 1..=vehicles, 1.0..10.0).prop_map(|(at_s, vehicle, for_s): (f64, u8, f64)| {
+            format!("{{ at_s = {at_s:.2}, fault = 'kill', vehicle = {vehicle}, for_s = {for_s:.2} }}")
+        }),
+        (0.0..25.0, 1..=vehicles).prop_map(|(at_s, vehicle): (f64, u8)| format!(
+            "{{ at_s = {at_s:.2}, fault = 'kill', vehicle = {vehicle} }}"
+        )),
+        (0.0..25.0).prop_map(|at_s: f64| format!("{{ at_s = {at_s:.2}, for_s = 3, order = 'hold' }}")),
+        (0.0..25.0, 1..=vehicles)
+            .prop_map(|(at_s, id): (f64, u8)| format!("{{ at_s = {at_s:.2}, order = 'land', vehicles = [{id}] }}")),
+        (0.0..25.0, 1..=vehicles, 1.0..8.0).prop_map(|(at_s, vehicle, for_s): (f64, u8, f64)| {
+            format!("{{ at_s = {at_s:.2}, fault = 'simulator_freeze', vehicle = {vehicle}, for_s = {for_s:.2} }}")
+        }),
+    ];
+    prop::collection::vec(event, 0..4).prop_map(|events| format!("mission.events=[{}]", events.join(", ")))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+    #[test]
+    fn the_network_of_the_swarm_delivers_what_those_of_all_receivers_do(
+        (vehicles, events) in prop_oneof![19 => 3_u8..8, 1 => 65_u8..70]
+            .prop_flat_map(|vehicles| (Just(vehicles), events(vehicles))),
+        seed in 0_u64..1000,
+        everywhere in link(),
+        particular in prop_oneof![Just(Vec::new()), link()],
+        reach in reach(),
+        law in prop_oneof![Just("ring"), Just("flock")],
+    ) {
+        let everywhere: Vec<String> = everywhere.into_iter().chain(reach).map(|key| format!("network.{key}")).collect();
+        let of_link = format!("network.links=[{{ from = [1, 2], to = [2, 3], {} }}]", particular.join(", "));
+        let mut sets = vec![format!("swarm.vehicles={vehicles}"), format!("seed={seed}"), format!("formation.law={law}"), events];
+        sets.push("plant.model=point_mass".to_owned());
+        sets.push("mission.steps=[{ hold_s = 10 }, { centre_ne_m = [60, 0] }, { land = true }]".to_owned());
+        sets.extend(everywhere);
+        if !particular.is_empty() {
+            sets.push(of_link);
+        }
+        sets.push("start.square_m=200".to_owned());
+        prop_assume!(is_imperfect(&sets));
+        compare(&sets, if vehicles < 10 { 30.0 } else { 15.0 });
+    }
+}
