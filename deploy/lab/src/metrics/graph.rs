@@ -12,8 +12,10 @@ use super::VehicleNow;
 use super::series::Mean;
 use super::steady::{Column, SwarmSeries};
 
-/// Number of observations for each computation of the spectrum, which costs the most: about one a second.
+/// Number of observations for each computation of the spectrum, about one a second, in a swarm of up to [`SPECTRUM_OF`] members.
 const SPECTRUM_EVERY: u64 = 10;
+/// The spectrum costs the cube of the members, so it is computed less often in a larger swarm.
+const SPECTRUM_OF: usize = 50;
 
 /// Means of the graph over the window; `None` while there were fewer than two members.
 #[derive(Debug, Default)]
@@ -66,7 +68,7 @@ impl Graph {
         if let Some(correlation) = components.correlation(|node| directions[node]) {
             series.set(Column::Correlation, correlation);
         }
-        if self.observations.is_multiple_of(SPECTRUM_EVERY) {
+        if self.observations.is_multiple_of(SPECTRUM_EVERY * count.div_ceil(SPECTRUM_OF) as u64) {
             self.connectivity.add(spectrum.second_eigenvalue(count, joined) / count as f64);
         }
         self.observations += 1;
