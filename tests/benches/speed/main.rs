@@ -3,6 +3,7 @@
 //! | module | what it measures |
 //! | --- | --- |
 //! | [`virtual_time`] | flights in virtual time: processor time, memory, the cost of a study |
+//! | [`networks`] | flights in virtual time over imperfect networks, against a perfect one |
 //! | [`stages`] | the stages of a vehicle's frame, by replaying what a [`swarm`] recorded |
 //! | [`live`] | agents in real time over Zenoh |
 //! | [`page`] | what the page of `skein view` costs the agents that it shows, and its own server |
@@ -14,6 +15,7 @@
 
 #[cfg(target_os = "linux")]
 mod live;
+mod networks;
 #[cfg(target_os = "linux")]
 mod page;
 mod stages;
@@ -82,15 +84,16 @@ fn row<const COLUMNS: usize>(cells: [&str; COLUMNS]) -> Vec<String> {
 fn main() {
     // Cargo adds `--bench`.
     let arguments: Vec<String> = env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
-    if let [command, vehicles] = arguments.as_slice()
+    if let [command, vehicles, sets @ ..] = arguments.as_slice()
         && command == virtual_time::FLY_ONCE
     {
-        virtual_time::fly_once(vehicles.parse().expect("a number of vehicles"));
+        virtual_time::fly_once(vehicles.parse().expect("a number of vehicles"), sets);
         return;
     }
     let is_wanted = |part: &str| arguments.is_empty() || arguments.iter().any(|argument| argument == part);
     if is_wanted("virtual") {
         virtual_time::print();
+        networks::print();
         stages::print();
     }
     #[cfg(target_os = "linux")]

@@ -106,7 +106,7 @@ impl Stages {
         for (frame, estimates) in frames.iter().zip(self.estimates.chunks(self.peers.len())) {
             let local = frame.now.local;
             self.records.update(local, &frame.received);
-            let broadcast = Broadcast { messages: &frame.received, records: Some(&self.records) };
+            let broadcast = Broadcast { messages: &frame.received, records: Some(&self.records), inbox: None };
             for (peers, estimate) in self.peers.iter_mut().zip(estimates) {
                 peers.update(local, &[], broadcast);
                 peers.near(estimate.position, self.reach_m).near.for_each(|peer| _ = black_box(peer));

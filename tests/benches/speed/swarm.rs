@@ -88,7 +88,7 @@ impl Swarm {
         let (mut measurements, mut commands, mut sent) = (Vec::new(), Vec::new(), Vec::new());
         let mut plant = Default::default();
         self.records.update(local, &received);
-        let broadcast = Broadcast { messages: &received, records: Some(&self.records) };
+        let broadcast = Broadcast { messages: &received, records: Some(&self.records), inbox: None };
         let nothing = PlantStatus::NOTHING;
         for (station, vehicle) in self.stations.iter_mut().zip(&self.plants) {
             let frame = vehicle.frame();

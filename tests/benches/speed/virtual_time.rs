@@ -69,7 +69,8 @@ impl Flight {
         let best_s = self.study_s.iter().copied().fold(f64::INFINITY, f64::min);
         let ratio = |(study_s, world_s): (&f64, &f64)| study_s / world_s;
         let ratio = median(&mut self.study_s.iter().zip(&self.world_s).map(ratio).collect::<Vec<_>>());
-        let memory_kb = self.has_memory.then(|| (peak_memory_kb(vehicles) - base_kb) / (vehicles - SIZES[0]) as f64);
+        let memory_kb =
+            self.has_memory.then(|| (peak_memory_kb(vehicles, &[]) - base_kb) / (vehicles - SIZES[0]) as f64);
         let shown =
             |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
         vec![
@@ -100,7 +101,7 @@ pub(super) fn print() {
          each other. With random starts they start in a square with a side of 30 m x sqrt(N) (150 m at least), in which most of them\n\
          are near each other until they have flown apart.\n"
     );
-    let base_kb = peak_memory_kb(SIZES[0]);
+    let base_kb = peak_memory_kb(SIZES[0], &[]);
     let head =
         ["", "vehicles", "seeds", "vehicle-s per CPU-s", "us per vehicle and frame", "study / world", "kB per vehicle"];
     let rows: Vec<_> = [row(head)].into_iter().chain(flights.iter().map(|flight| flight.row(base_kb))).collect();
@@ -122,18 +123,19 @@ fn step_world(study: &Study) {
     (0..(f64::from(FLIGHT_S) / TICK_S).round() as u64).for_each(|_| world.tick());
 }
 
-/// Flies the study of one ring and prints the peak resident memory of this process, kB.
-pub(super) fn fly_once(vehicles: usize) {
-    hover_in_one_ring(vehicles, &[]).fly(SEED).expect("the hover flies");
+/// Flies the study of one ring with these keys and prints the peak resident memory of this process, kB.
+pub(super) fn fly_once(vehicles: usize, sets: &[String]) {
+    hover_in_one_ring(vehicles, sets).fly(SEED).expect("the hover flies");
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
     println!("{}", peak.unwrap_or("NaN"));
 }
 
-/// Peak resident memory of a process that flies one ring, kB; NaN where the system does not report it.
-fn peak_memory_kb(vehicles: usize) -> f64 {
+/// Peak resident memory of a process that flies one ring with these keys, kB; NaN where the system does not report it.
+pub(super) fn peak_memory_kb(vehicles: usize, sets: &[String]) -> f64 {
     let bench = env::current_exe().expect("the bench that runs");
-    let output = Command::new(bench).args([FLY_ONCE, &vehicles.to_string()]).output().expect("the bench starts");
+    let output =
+        Command::new(bench).args([FLY_ONCE, &vehicles.to_string()]).args(sets).output().expect("the bench starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8_lossy(&output.stdout).trim().parse().expect("a number of kB")
 }
