@@ -116,4 +116,14 @@ mod tests {
         assert_eq!(early.plus_seconds(-10.0), PlantTime::ZERO);
         assert_eq!(PlantTime::from_seconds(f64::NAN), PlantTime::ZERO);
     }
+
+    #[test]
+    fn numbers_are_rounded_as_by_the_standard_library() {
+        let halves = (-40..=40).map(|half| f64::from(half) / 2.0);
+        let edges = [0.49999999999999994, 4503599627370495.5, 9007199254740993.0, 9.3e18, f64::INFINITY, f64::NAN];
+        let spread = (0..10_000).map(|nth| f64::from(nth) * 123_456.789);
+        for number in halves.chain(edges).chain(spread).flat_map(|number| [number, -number]) {
+            assert_eq!(rounded(number), number.round() as i64, "{number}");
+        }
+    }
 }
