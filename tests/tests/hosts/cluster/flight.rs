@@ -1,6 +1,7 @@
 //! One cluster from installation to removal, as its operator handles it; every part begins where the one before ended.
 
 use skein_common::math;
+use std::collections::BTreeSet;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::process::Stdio;
@@ -355,16 +356,20 @@ impl Flight {
         assert_eq!(restarted.len(), usize::from(HOSTS), "{install}");
         assert!(rows(&done)[..8].iter().all(|row| row["done"] == "upgraded"), "{install}");
         assert_eq!(rows(&done)[8]["done"], "installed", "{install}");
-        // On a busy PC, a helicopter without control descends by itself: the roll has no part in it.
-        let lost_control = |id: u8| {
-            let froze = |one: &Vehicle| one.measured.jitter_ms > FALLS_AFTER_MS;
-            sky.since(begun_s).iter().any(|snapshot| snapshot.of(id).is_some_and(froze))
-        };
-        let uncontrolled: Vec<_> = (1..=HOSTS).filter(|id| lost_control(*id)).collect();
+        // On a busy PC, a helicopter whose agent gets no frames in flight descends by itself: the roll has no part in it. An agent
+        // that has just started had no frames either, and has not flown.
+        let (mut flown, mut uncontrolled) = (BTreeSet::new(), BTreeSet::new());
         for snapshot in sky.since(begun_s) {
+            for one in &snapshot.vehicles {
+                let agent = (one.id, one.incarnation);
+                flown.extend((one.height_m > OFF_M).then_some(agent));
+                let froze = one.measured.jitter_ms > FALLS_AFTER_MS && flown.contains(&agent);
+                uncontrolled.extend(froze.then_some(agent));
+            }
             // The last height of a vehicle that the observer does not receive may be old: on a busy PC for many seconds.
             let is_down = |vehicle: &&Vehicle| {
-                vehicle.is_there && vehicle.height_m < OFF_M && !uncontrolled.contains(&vehicle.id)
+                let is_controlled = !uncontrolled.contains(&(vehicle.id, vehicle.incarnation));
+                vehicle.is_there && vehicle.height_m < OFF_M && is_controlled
             };
             let down: Vec<_> = snapshot.vehicles.iter().filter(is_down).map(|vehicle| vehicle.id).collect();
             let events = || sky.events_since(begun_s);
