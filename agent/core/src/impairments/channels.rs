@@ -151,7 +151,7 @@ impl ReceiverChannels {
         let Some(sender) = index.ok().and_then(|index| self.senders.get_mut(index)) else {
             return Delivery::Arrives { at: *at, copy_at: None };
         };
-        let quality = quality_from(sender_id, &self.particular, &self.quality);
+        let quality = quality_of(sender_id, &self.particular, &self.quality);
         match message {
             PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => {
                 sender.place = None;
@@ -175,13 +175,17 @@ impl ReceiverChannels {
 
     /// The delay of every message from this sender, liveliness tokens included, s.
     pub(super) fn delay_s(&self, sender: VehicleId) -> f64 {
-        quality_from(sender, &self.particular, &self.quality).delay_s
+        quality_of(sender, &self.particular, &self.quality).delay_s
     }
 }
 
-/// The settings of the link from this sender.
-fn quality_from<'a>(sender: VehicleId, particular: &'a [(VehicleId, Quality)], everywhere: &'a Quality) -> &'a Quality {
-    let listed = particular.binary_search_by_key(&sender, |(id, _)| *id).ok();
+/// The settings of the link to or from this vehicle among those of `particular`, by id; else those of `everywhere`.
+pub(super) fn quality_of<'a>(
+    vehicle: VehicleId,
+    particular: &'a [(VehicleId, Quality)],
+    everywhere: &'a Quality,
+) -> &'a Quality {
+    let listed = particular.binary_search_by_key(&vehicle, |(id, _)| *id).ok();
     listed.and_then(|nth| particular.get(nth)).map_or(everywhere, |(_, quality)| quality)
 }
 

@@ -21,7 +21,7 @@ use skein_common::scenario::{ControlMode, EventAction, Fault, Quality, Scenario}
 use skein_common::time::LocalTime;
 
 use super::channel::{Channel, Direction, delivery, size_bytes};
-use super::channels::Range;
+use super::channels::{Range, quality_of};
 use super::draw::{Draw, Draws, MessageKey};
 use super::{Delivery, Impairments};
 use crate::peers::{Parcel, PeerMessage, SwarmInbox};
@@ -37,7 +37,7 @@ use sender::SwarmSender;
 pub struct SwarmNetwork {
     inbox: Arc<SwarmInbox>,
     draws: Draws,
-    /// The settings of every link that has none of its own.
+    /// The settings of all links that `network.links` does not change.
     everywhere: Quality,
     range: Option<Range>,
     graph: SwarmGraph,
@@ -57,8 +57,6 @@ pub struct SwarmNetwork {
     may_overtake: bool,
     /// Whether messages wait for the bandwidth of any link.
     has_queues: bool,
-    /// Whether links that have no settings of their own only delay messages at random, and lose some.
-    only_jitters: bool,
     batch: Batch,
     numbers: Numbers,
 }
@@ -66,10 +64,18 @@ pub struct SwarmNetwork {
 /// A vehicle as a receiver.
 #[derive(Clone, Debug, Default)]
 struct Receiver {
-    position: Option<PositionNed>,
     /// The channel for orders from operators, and their number so far.
     operator: Channel,
     orders: u64,
+}
+
+/// A message that a vehicle sends now.
+#[derive(Clone, Copy, Debug)]
+struct Sent<'a> {
+    now: LocalTime,
+    from: VehicleId,
+    message: &'a PeerMessage,
+    what: Content,
 }
 
 /// The receivers of a message by distance.
@@ -78,6 +84,17 @@ struct Reach {
     out: VehicleSet,
     /// Those between `fade_m` and `range_m`, each with the share of messages that it loses.
     fading: Vec<(VehicleId, f64)>,
+}
+
+impl Reach {
+    /// Share of messages to this receiver that are lost by distance.
+    fn lost_share(&self, receiver: VehicleId) -> f64 {
+        if self.out.contains(receiver) {
+            return 1.0;
+        }
+        let listed = self.fading.binary_search_by_key(&receiver, |(id, _)| *id).ok();
+        listed.and_then(|nth| self.fading.get(nth)).map_or(0.0, |(_, share)| *share)
+    }
 }
 
 impl SwarmNetwork {
@@ -106,8 +123,6 @@ impl SwarmNetwork {
         let mut senders: Vec<SwarmSender> = scenario.ids().map(sender).collect();
         let qualities = || senders.iter().flat_map(|sender| sender.particular.iter().map(|(_, quality)| quality));
         let any = |has: fn(&Quality) -> bool| has(&everywhere) || qualities().any(has);
-        let Quality { bandwidth_bit_s, burst_s, reorder, duplicate, .. } = everywhere;
-        let only_jitters = bandwidth_bit_s.is_none() && burst_s.is_none() && reorder == 0.0 && duplicate == 0.0;
         let has_queues = any(|quality| quality.bandwidth_bit_s.is_some());
         let remembers = has_queues || any(|quality| quality.burst_s.is_some());
         let has = [
@@ -141,8 +156,7 @@ impl SwarmNetwork {
             serial: 0,
             may_overtake,
             has_queues,
-            only_jitters,
-            batch: Batch::default(),
+            batch: Batch::new(frame_ns),
             numbers,
         })
     }
@@ -176,10 +190,7 @@ impl SwarmNetwork {
 
     /// Sets the position of each vehicle by its own agent, by id.
     pub fn set_positions(&mut self, positions: impl Iterator<Item = Option<PositionNed>>) {
-        self.receivers.iter_mut().zip(positions).for_each(|(receiver, position)| receiver.position = position);
-        if self.range.is_some() {
-            self.places.set(self.receivers.iter().map(|receiver| receiver.position));
-        }
+        self.places.set(positions);
     }
 
     /// Sends these messages, which an ideal network would deliver now, and delivers to the inbox what arrives by now.
@@ -187,8 +198,7 @@ impl SwarmNetwork {
     pub fn deliver(&mut self, now: LocalTime, to_one: &[(VehicleId, PeerMessage)], to_all: &[PeerMessage]) {
         self.next_frame = now.nanoseconds() / self.frame_ns;
         Arc::make_mut(&mut self.inbox).begin_frame();
-        let positions = self.receivers.iter().map(|receiver| receiver.position);
-        self.graph.update(now, positions, &self.senders);
+        self.graph.update(now, self.places.all(), &self.senders);
         for (receiver, message) in to_one {
             let only = [*receiver].into_iter().collect();
             self.send(now, message, self.present.both(only));
@@ -223,98 +233,82 @@ impl SwarmNetwork {
                 }
                 receivers = self.graph.receivers(from, receivers);
                 let parcel = inbox.put_state(state, now);
-                self.send_parcel(now, message, parcel, receivers);
+                self.send_parcel(&Sent { now, from, message, what: Content::Parcel(parcel) }, receivers);
             }
             PeerMessage::Mission(heartbeat) => {
                 let parcel = inbox.put_heartbeat(heartbeat, now);
-                self.send_parcel(now, message, parcel, receivers);
+                self.send_parcel(&Sent { now, from, message, what: Content::Parcel(parcel) }, receivers);
             }
             PeerMessage::Order(_) => {}
         }
     }
 
-    fn send_parcel(&mut self, now: LocalTime, message: &PeerMessage, parcel: Parcel, receivers: VehicleSet) {
-        let Some(from) = message.sender() else { return };
-        let key = MessageKey::of(message, 0);
-        let Reach { out, fading } = self.reach(from, receivers);
-        let what = Content::Parcel(parcel);
-        let sender = &mut self.senders[nth(from)];
-        let arrives_alike = !self.has_queues && !self.may_overtake;
-        let alike =
-            if arrives_alike { receivers.without(out).without(sender.with_particular) } else { VehicleSet::default() };
-        self.numbers.draw(&key, !fading.is_empty());
-        if !alike.is_empty() {
-            let mut through = alike;
-            for (id, share) in &fading {
-                if self.numbers.of(Draw::Distance, *id) < *share {
-                    through.remove(*id);
-                }
-            }
-            if self.everywhere.burst_s.is_some() {
-                for id in alike.iter() {
-                    let Some(channel) = sender.channels.get_mut(usize::from(id.get())) else { continue };
-                    let of_link = |turn| self.draws.of_link(from.get().into(), turn, id);
-                    if channel.is_in_burst(&self.everywhere, now, of_link) == Some(true) {
-                        through.remove(id);
-                    }
-                }
-            } else if self.everywhere.loss > 0.0 {
-                through = through.without(self.numbers.below(Draw::Loss, self.everywhere.loss));
-            }
-            self.serial += 1;
-            let at = now.plus_seconds(self.everywhere.delay_s);
-            self.put_in_flight(OnItsWay { serial: self.serial, what, receivers: through, at: Arrivals::Alike(at) }, at);
-        }
+    fn send_parcel(&mut self, sent: &Sent<'_>, receivers: VehicleSet) {
+        let reach = self.reach(sent.from, receivers);
+        self.numbers.draw(&MessageKey::of(sent.message, 0), !reach.fading.is_empty());
         // Messages out of range take up bandwidth, and have no other effect.
-        let mut single = if self.has_queues { receivers } else { receivers.without(out) }.without(alike);
-        if single.is_empty() {
-            return;
-        }
-        self.serial += 3;
-        if self.only_jitters && fading.is_empty() {
-            let jittered = single.without(out).without(self.senders[nth(from)].with_particular);
-            let lost = if self.everywhere.loss > 0.0 {
-                self.numbers.below(Draw::Loss, self.everywhere.loss)
-            } else {
-                VehicleSet::default()
-            };
-            self.add_jittered(now, what, jittered.without(lost));
-            single = single.without(jittered);
-        }
-        let size_bytes = core::cell::OnceCell::new();
-        let mut batch = core::mem::take(&mut self.batch);
-        for id in single.iter() {
-            let lost_by_distance = if out.contains(id) { 1.0 } else { lost_by_distance(&fading, id) };
-            let SwarmSender { particular, with_particular, channels, .. } = &mut self.senders[nth(from)];
-            let of_its_own = if with_particular.contains(id) { quality_to(id, particular) } else { None };
-            let quality = of_its_own.unwrap_or(&self.everywhere);
-            let mut idle = Channel::default();
-            let channel = channels.get_mut(usize::from(id.get())).unwrap_or(&mut idle);
-            let size = || *size_bytes.get_or_init(|| size_bytes_of(message));
-            let Some(sent_at) = channel.through_queue(quality, size, now) else { continue };
-            let of_link = |turn| self.draws.of_link(from.get().into(), turn, id);
-            let is_in_burst = channel.is_in_burst(quality, sent_at, of_link);
-            let chance = |what| self.numbers.of(what, id);
-            let fate = delivery(quality, chance, sent_at, is_in_burst, lost_by_distance);
-            let Delivery::Arrives { at, copy_at } = fate else { continue };
-            batch.add(self.frame_ns, (self.serial - 1, what), id, at);
-            if let Some(copy_at) = copy_at {
-                batch.add(self.frame_ns, (self.serial, what), id, copy_at);
-            }
-        }
-        for (message, end_ns) in batch.due.drain(..) {
-            self.put_in_flight(message, LocalTime::from_nanoseconds(end_ns));
-        }
-        self.batch = batch;
+        let receivers = if self.has_queues { receivers } else { receivers.without(reach.out) };
+        let arrives_alike = !self.has_queues && !self.may_overtake;
+        let with_particular = self.senders[nth(sent.from)].with_particular;
+        let alike = if arrives_alike { receivers.without(with_particular) } else { VehicleSet::default() };
+        self.send_alike(sent, alike, &reach);
+        self.send_to_each(sent, receivers.without(alike), &reach);
     }
 
-    /// Adds the receivers that a message reaches after a random delay of its own for each.
-    fn add_jittered(&mut self, now: LocalTime, what: Content, receivers: VehicleSet) {
-        let Self { numbers, batch, everywhere: Quality { delay_s, jitter_s, .. }, serial, frame_ns, .. } = self;
-        for id in receivers.iter() {
-            let at = now.plus_seconds(*delay_s + numbers.of(Draw::Jitter, id) * *jitter_s + 0.0);
-            batch.add(*frame_ns, (*serial - 2, what), id, at);
+    /// Sends a message to receivers that it reaches at the same time, or not at all.
+    fn send_alike(&mut self, sent: &Sent<'_>, receivers: VehicleSet, reach: &Reach) {
+        if receivers.is_empty() {
+            return;
         }
+        let &Sent { now, from, what, .. } = sent;
+        let mut through = receivers;
+        for (id, share) in &reach.fading {
+            if self.numbers.of(Draw::Distance, *id) < *share {
+                through.remove(*id);
+            }
+        }
+        if self.everywhere.burst_s.is_some() {
+            let channels = &mut self.senders[nth(from)].channels;
+            for id in receivers.iter() {
+                let Some(channel) = channels.get_mut(usize::from(id.get())) else { continue };
+                let of_link = |turn| self.draws.of_link(from.get().into(), turn, id);
+                if channel.is_in_burst(&self.everywhere, now, of_link) == Some(true) {
+                    through.remove(id);
+                }
+            }
+        } else if self.everywhere.loss > 0.0 {
+            through = through.without(self.numbers.below(Draw::Loss, self.everywhere.loss));
+        }
+        self.serial += 1;
+        let at = now.plus_seconds(self.everywhere.delay_s);
+        self.put_in_flight(OnItsWay { serial: self.serial, what, receivers: through, at: Arrivals::Alike(at) }, at);
+    }
+
+    /// Sends a message to receivers that it reaches at different times.
+    fn send_to_each(&mut self, sent: &Sent<'_>, receivers: VehicleSet, reach: &Reach) {
+        let &Sent { now, from, message, what } = sent;
+        let Self { senders, everywhere, draws, numbers, batch, serial, .. } = self;
+        let SwarmSender { particular, with_particular, channels, .. } = &mut senders[nth(from)];
+        *serial += 2;
+        let (serial, copy_serial) = (*serial - 1, *serial);
+        let message_bytes = core::cell::OnceCell::new();
+        let size = || *message_bytes.get_or_init(|| size_bytes(message));
+        for id in receivers.iter() {
+            let has_its_own = with_particular.contains(id);
+            let quality = if has_its_own { quality_of(id, particular, everywhere) } else { &*everywhere };
+            let mut idle = Channel::default();
+            let channel = channels.get_mut(usize::from(id.get())).unwrap_or(&mut idle);
+            let Some(sent_at) = channel.through_queue(quality, size, now) else { continue };
+            let is_in_burst = channel.is_in_burst(quality, sent_at, |turn| draws.of_link(from.get().into(), turn, id));
+            let chance = |what| numbers.of(what, id);
+            let fate = delivery(quality, chance, sent_at, is_in_burst, reach.lost_share(id));
+            let Delivery::Arrives { at, copy_at } = fate else { continue };
+            batch.add((serial, what), id, at);
+            if let Some(copy_at) = copy_at {
+                batch.add((copy_serial, what), id, copy_at);
+            }
+        }
+        self.put_batch();
     }
 
     /// The receivers out of range of a sender, and those near that limit.
@@ -326,7 +320,7 @@ impl SwarmNetwork {
         let (near, far) = self.places.near_and_far(place, range);
         reach.out = placed.both(far);
         for id in placed.without(near).without(far).iter() {
-            let Some(own) = self.receivers[nth(id)].position else { continue };
+            let Some(own) = self.places.of(nth(id)) else { continue };
             let share = range.loss_at((own - place).norm());
             if share >= 1.0 {
                 reach.out.insert(id);
@@ -340,13 +334,11 @@ impl SwarmNetwork {
     fn send_token(&mut self, now: LocalTime, (of, is_there): (VehicleId, bool), receivers: VehicleSet) {
         self.serial += 1;
         let sender = &self.senders[nth(of)];
-        let delays: Vec<_> = receivers
-            .iter()
-            .map(|id| (id, quality_to(id, &sender.particular).unwrap_or(&self.everywhere).delay_s))
-            .collect();
-        for (id, delay_s) in delays {
-            self.put_one(self.serial, Content::Token(of, is_there), id, now.plus_seconds(delay_s));
+        for id in receivers.iter() {
+            let delay_s = quality_of(id, &sender.particular, &self.everywhere).delay_s;
+            self.batch.add((self.serial, Content::Token(of, is_there)), id, now.plus_seconds(delay_s));
         }
+        self.put_batch();
     }
 
     fn send_order(&mut self, now: LocalTime, message: &PeerMessage, receivers: VehicleSet) {
@@ -357,13 +349,14 @@ impl SwarmNetwork {
             let key = MessageKey::of(message, *orders);
             *orders += 1;
             let direction = Direction { sender: 0, receiver: id, quality: &self.everywhere };
-            let fate = operator.fate(&self.draws, &direction, (&key, || size_bytes_of(message)), now, 0.0);
+            let fate = operator.fate(&self.draws, &direction, (&key, || size_bytes(message)), now, 0.0);
             let Delivery::Arrives { at, copy_at } = fate else { continue };
-            self.put_one(self.serial - 1, Content::Order(*order), id, at);
+            self.batch.add((self.serial - 1, Content::Order(*order)), id, at);
             if let Some(copy_at) = copy_at {
-                self.put_one(self.serial, Content::Order(*order), id, copy_at);
+                self.batch.add((self.serial, Content::Order(*order)), id, copy_at);
             }
         }
+        self.put_batch();
     }
 
     /// The frame in which a message that arrives at this time is due, counted from the next one.
@@ -386,23 +379,13 @@ impl SwarmNetwork {
         self.in_flight[frame].push(message);
     }
 
-    /// Puts a message in flight to one more receiver; receivers follow each other in the order of ids.
-    fn put_one(&mut self, serial: u64, what: Content, receiver: VehicleId, at: LocalTime) {
-        let frame = self.frame_of(at);
-        let begun = self.in_flight.get_mut(frame).and_then(|due| {
-            // At most two messages at a time are being put, the second one the copy of the first.
-            due.iter_mut().rev().take(2).find(|message| message.serial == serial)
-        });
-        match begun {
-            Some(OnItsWay { receivers, at: Arrivals::Each(all), .. }) => {
-                receivers.insert(receiver);
-                all.push(at);
-            }
-            _ => {
-                let (receivers, all) = ([receiver].into_iter().collect(), Arrivals::Each(vec![at]));
-                self.put_in_flight(OnItsWay { serial, what, receivers, at: all }, at);
-            }
+    /// Puts the deliveries of the batch in flight.
+    fn put_batch(&mut self) {
+        let mut due = core::mem::take(&mut self.batch.due);
+        for (message, end_ns) in due.drain(..) {
+            self.put_in_flight(message, LocalTime::from_nanoseconds(end_ns));
         }
+        self.batch.due = due;
     }
 
     /// Delivers what is due in the next frame.
@@ -442,12 +425,7 @@ impl SwarmNetwork {
                 }
             }
         }
-        for message in due {
-            if let Arrivals::Each(mut each) = message.at {
-                each.clear();
-                self.batch.spare.push(each);
-            }
-        }
+        self.batch.recycle(due);
         in_turn.sort_by_key(|(id, at, serial, _)| (*id, *at, *serial));
         for (id, at, serial, parcel) in in_turn {
             inbox.deliver(parcel, core::iter::once((id, at)), serial);
@@ -455,22 +433,6 @@ impl SwarmNetwork {
         inbox.sort_news();
         self.next_frame += 1;
     }
-}
-
-/// The settings of the link to this receiver, if it has settings of its own.
-fn quality_to(receiver: VehicleId, particular: &[(VehicleId, Quality)]) -> Option<&Quality> {
-    let listed = particular.binary_search_by_key(&receiver, |(id, _)| *id).ok();
-    listed.and_then(|nth| particular.get(nth)).map(|(_, quality)| quality)
-}
-
-fn lost_by_distance(fading: &[(VehicleId, f64)], receiver: VehicleId) -> f64 {
-    let listed = fading.binary_search_by_key(&receiver, |(id, _)| *id).ok();
-    listed.and_then(|nth| fading.get(nth)).map_or(0.0, |(_, share)| *share)
-}
-
-/// Size of a message on the wire, bytes.
-fn size_bytes_of(message: &PeerMessage) -> usize {
-    size_bytes(message)
 }
 
 /// Index of the vehicle in tables in the order of ids.

@@ -60,17 +60,23 @@ impl OnItsWay {
 }
 
 /// The deliveries of one message to single receivers, each with the end of the frame in which it is due, ns.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Batch {
+    frame_ns: u64,
     pub(super) due: Vec<(OnItsWay, u64)>,
     /// Memory of messages that have arrived.
-    pub(super) spare: Vec<Vec<LocalTime>>,
+    spare: Vec<Vec<LocalTime>>,
 }
 
 impl Batch {
-    /// Adds a receiver; receivers follow each other in the order of ids.
-    pub(super) fn add(&mut self, frame_ns: u64, (serial, what): (u64, Content), receiver: VehicleId, at: LocalTime) {
-        let at_ns = at.nanoseconds();
+    /// An empty batch for frames of this length, ns.
+    pub(super) fn new(frame_ns: u64) -> Self {
+        Self { frame_ns, due: Vec::new(), spare: Vec::new() }
+    }
+
+    /// Adds a receiver of the delivery with this number; the receivers of one delivery follow each other in the order of ids.
+    pub(super) fn add(&mut self, (serial, what): (u64, Content), receiver: VehicleId, at: LocalTime) {
+        let (frame_ns, at_ns) = (self.frame_ns, at.nanoseconds());
         let is_due = |end_ns: u64| at_ns <= end_ns && end_ns < at_ns + frame_ns;
         let begun = self.due.iter_mut().find(|(message, end_ns)| message.serial == serial && is_due(*end_ns));
         match begun {
@@ -83,6 +89,16 @@ impl Batch {
                 all.push(at);
                 let (receivers, at) = ([receiver].into_iter().collect(), Arrivals::Each(all));
                 self.due.push((OnItsWay { serial, what, receivers, at }, at_ns.div_ceil(frame_ns) * frame_ns));
+            }
+        }
+    }
+
+    /// Takes the memory of messages that have arrived.
+    pub(super) fn recycle(&mut self, arrived: Vec<OnItsWay>) {
+        for message in arrived {
+            if let Arrivals::Each(mut each) = message.at {
+                each.clear();
+                self.spare.push(each);
             }
         }
     }

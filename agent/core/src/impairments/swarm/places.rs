@@ -8,24 +8,38 @@ use skein_common::math;
 
 use super::super::channels::Range;
 
-/// The positions of all receivers, by component; NaN where it is unknown.
+/// The positions of all receivers, and their components; NaN where it is unknown.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Places {
+    all: Vec<Option<PositionNed>>,
     north_m: Vec<f64>,
     east_m: Vec<f64>,
     down_m: Vec<f64>,
 }
 
 impl Places {
+    /// Sets the positions, by id.
     pub(super) fn set(&mut self, positions: impl Iterator<Item = Option<PositionNed>>) {
-        let Self { north_m, east_m, down_m } = self;
+        let Self { all, north_m, east_m, down_m } = self;
+        all.clear();
+        all.extend(positions);
         [&mut *north_m, east_m, down_m].into_iter().for_each(Vec::clear);
-        for position in positions {
+        for position in all {
             let [north, east, down] = position.map_or([f64::NAN; 3], |position| position.0.into());
             north_m.push(north);
             east_m.push(east);
             down_m.push(down);
         }
+    }
+
+    /// The positions, by id.
+    pub(super) fn all(&self) -> impl Iterator<Item = Option<PositionNed>> {
+        self.all.iter().copied()
+    }
+
+    /// The position of the receiver with this index.
+    pub(super) fn of(&self, nth: usize) -> Option<PositionNed> {
+        self.all.get(nth).copied().flatten()
     }
 
     /// The receivers to which surely nothing is lost by distance, and those to which surely all is. The distances of the others are
