@@ -34,6 +34,7 @@
 
 mod inbox;
 mod message;
+mod messages;
 mod near;
 mod peer;
 mod recent;
@@ -56,7 +57,7 @@ use crate::deadlines::Deadline;
 use crate::delay::{DelayBase, Exchange, MessageDelay, RoundTripTable};
 pub use inbox::{Parcel, SwarmInbox};
 pub use message::{PeerMessage, Received, ReceivedState};
-use near::NearList;
+use near::{Extrapolated, NearList};
 use peer::{Agreed, KeptHeartbeat, Motion, Status, standing};
 pub use peer::{FRESH_S, MAX_OBSTACLE_RADIUS_M};
 use records::{Records, TripChange};
@@ -453,9 +454,11 @@ impl Peers {
     /// Makes the list of near peers.
     fn list_near(&mut self, own: PositionNed, reach_m: f64) -> VehicleSet {
         let mut near = core::mem::take(&mut self.near);
-        let estimates = self
-            .estimates()
-            .map(|peer| (peer.id, peer.position, peer.velocity, peer.carried_s, self.records.travelled_m(peer.id)));
+        let extrapolated = |peer: PeerEstimate| {
+            let PeerEstimate { id, position, velocity, carried_s, .. } = peer;
+            Extrapolated { id, position, velocity, carried_s, travelled_m: self.records.travelled_m(id) }
+        };
+        let estimates = self.estimates().map(extrapolated);
         let listed = near.make(own, self.records.now(), reach_m, self.records.travel(self.largest_delay), estimates);
         self.near = near;
         listed

@@ -45,23 +45,19 @@ pub struct SwarmInbox {
 #[derive(Clone, Debug)]
 struct FromSender {
     states: Column<ReceivedState>,
-    heartbeats: Column<NumberedHeartbeat>,
-    /// Number of changes of its agreement state so far.
-    changes: u32,
-    /// Its newest heartbeat, and whether it has ever begun a new incarnation.
-    last: Option<Heartbeat>,
+    heartbeats: Column<SentHeartbeat>,
+    /// The incarnation of its newest message, and whether there was an earlier one.
+    incarnation: Option<Incarnation>,
+    has_restarted: bool,
     /// Its position in its newest state, and when that was sent.
     place: Option<(PositionNed, LocalTime)>,
-    has_restarted: bool,
     /// When each receiver last saw a gap in the numbers of the heartbeats; zero if never.
     gaps_at: Vec<LocalTime>,
 }
 
-/// A heartbeat with the number of changes of the agreement state until it was sent.
 #[derive(Clone, Copy, Debug)]
-struct NumberedHeartbeat {
+struct SentHeartbeat {
     message: Heartbeat,
-    changes: u32,
     /// Whether every receiver has to look at it: it repeats an order, or its sender flies another plan.
     needs_all: bool,
 }
@@ -227,44 +223,39 @@ impl FromSender {
         Self {
             states,
             heartbeats,
-            changes: 0,
-            last: None,
-            place: None,
+            incarnation: None,
             has_restarted: false,
+            place: None,
             gaps_at: vec![LocalTime::ZERO; receivers],
         }
     }
-}
 
-impl FromSender {
-    /// Notes the begin of a new incarnation.
-    fn is_sending(&mut self, header: &Header) {
-        self.has_restarted |= self.last.is_some_and(|last| last.header.incarnation != header.incarnation);
+    /// Notes the incarnation of a message that the vehicle sends.
+    fn note_incarnation(&mut self, header: &Header) {
+        let before = self.incarnation.replace(header.incarnation);
+        self.has_restarted |= before.is_some_and(|before| before != header.incarnation);
     }
 
     /// Whether a receiver may accept a message by its incarnation. The first one of a new incarnation makes the earlier ones
     /// void.
-    fn is_of_current_incarnation(&mut self, of: Incarnation, nth: usize, turn: Turn, news: &mut AllNews) -> bool {
+    fn accepts_incarnation(&mut self, header: &Header, nth: usize, turn: Turn, news: &mut AllNews) -> bool {
         let Self { states, heartbeats, .. } = self;
-        let incarnation = |order: MessageOrder| order.incarnation;
-        let before = states.newest(nth).map(|(slot, _)| incarnation(slot.order));
-        let before = before.max(heartbeats.newest(nth).map(|(slot, _)| incarnation(slot.order)));
-        if before.is_some_and(|before| before < of) {
+        let of_state = states.newest(nth).map(|(slot, _)| slot.order.incarnation);
+        let before = of_state.max(heartbeats.newest(nth).map(|(slot, _)| slot.order.incarnation));
+        if before.is_some_and(|before| before < header.incarnation) {
             (states.newest[nth], heartbeats.newest[nth]) = (Arrival::NONE, Arrival::NONE);
-            if let Some(id) = self.last.map(|last| last.header.sender) {
-                news.add(nth, turn, Item::Restarted(id));
-            }
+            news.add(nth, turn, Item::Restarted(header.sender));
         }
-        before.is_none_or(|before| before <= of)
+        before.is_none_or(|before| before <= header.incarnation)
     }
 
     fn deliver_state(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = (usize, Turn)>, news: &mut AllNews) {
-        let order = self.states.slots[usize::from(parcel.slot)].order;
+        let Slot { order, message: ReceivedState { header, .. }, .. } = self.states.slots[usize::from(parcel.slot)];
         let slot = NonZeroSlot::new(parcel.slot + 1);
         // Most receivers have the same message before this one.
         let mut compared = (None, true);
         for (nth, turn) in arrivals {
-            let is_current = !self.has_restarted || self.is_of_current_incarnation(order.incarnation, nth, turn, news);
+            let is_current = !self.has_restarted || self.accepts_incarnation(&header, nth, turn, news);
             let before = self.states.newest[nth].slot;
             if before != compared.0 {
                 let is_newer = before.is_none_or(|last| self.states.slots[slot_index(last)].order < order);
@@ -280,14 +271,13 @@ impl FromSender {
     }
 
     fn deliver_heartbeat(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = (usize, Turn)>, news: &mut AllNews) {
-        let Slot { order, message: NumberedHeartbeat { message, needs_all, .. }, .. } =
-            &self.heartbeats.slots[usize::from(parcel.slot)];
-        let (order, needs_all) = (*order, *needs_all);
+        let SentHeartbeat { message, needs_all } = &self.heartbeats.slots[usize::from(parcel.slot)].message;
+        let (header, needs_all) = (message.header, *needs_all);
         let echoed = message.echo.map(|echo| index(echo.of));
         let slot = NonZeroSlot::new(parcel.slot + 1);
         let mut compared = (None, After::Newer { has_gap: false, change: AgreementChange::Steps });
         for (nth, turn) in arrivals {
-            if self.has_restarted && !self.is_of_current_incarnation(order.incarnation, nth, turn, news) {
+            if self.has_restarted && !self.accepts_incarnation(&header, nth, turn, news) {
                 news.add(nth, turn, Item::Old(parcel.sender));
                 continue;
             }
@@ -320,11 +310,8 @@ impl FromSender {
             // A heartbeat is repeated to every agent that asks for it.
             return if last.order == new.order { After::Same } else { After::Older };
         }
-        let change = if last.message.changes == new.message.changes {
-            AgreementChange::Nothing
-        } else {
-            agreed(&last.message.message).change_to(&agreed(&new.message.message))
-        };
+        let [last_agreed, new_agreed] = [last, new].map(|slot| agreed(&slot.message.message));
+        let change = last_agreed.change_to(&new_agreed);
         After::Newer { has_gap: last.order.sequence + 1 < new.order.sequence, change }
     }
 }
@@ -384,7 +371,7 @@ impl SwarmInbox {
     pub fn put_state(&mut self, state: &ReceivedState, sent_at: LocalTime) -> Parcel {
         let sender = state.header.sender;
         let from = &mut self.senders[index(sender)];
-        from.is_sending(&state.header);
+        from.note_incarnation(&state.header);
         if let Some((before, before_at)) = from.place.replace((state.position, sent_at)) {
             let way_m = (state.position - before).xy().norm();
             if before_at == sent_at {
@@ -405,10 +392,8 @@ impl SwarmInbox {
         let sender = heartbeat.header.sender;
         let needs_all = heartbeat.order.is_some() || heartbeat.plan != self.plan;
         let from = &mut self.senders[index(sender)];
-        from.is_sending(&heartbeat.header);
-        let before = from.last.replace(*heartbeat);
-        from.changes += u32::from(before.is_none_or(|before| agreed(&before) != agreed(heartbeat)));
-        let message = NumberedHeartbeat { message: *heartbeat, changes: from.changes, needs_all };
+        from.note_incarnation(&heartbeat.header);
+        let message = SentHeartbeat { message: *heartbeat, needs_all };
         let slot =
             Slot { message, order: heartbeat.header.order(), sent_at, in_flight: 0, travelled_m: self.travelled_m };
         let slot = from.heartbeats.put(slot);

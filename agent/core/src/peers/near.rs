@@ -58,6 +58,18 @@ impl Travel {
     }
 }
 
+/// A peer whose newest state was carried forward to now.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extrapolated {
+    pub(super) id: VehicleId,
+    pub(super) position: PositionNed,
+    pub(super) velocity: VelocityNed,
+    /// Time over which the state was carried forward, s.
+    pub(super) carried_s: f64,
+    /// [`Travel::travelled_m`] when the state was taken.
+    pub(super) travelled_m: f64,
+}
+
 impl NearList {
     /// Makes the next use of the list make it anew.
     pub(super) fn discard(&mut self) {
@@ -75,22 +87,21 @@ impl NearList {
         fits.then_some(self.near)
     }
 
-    /// Makes the list of these peers, each with its position now, the time over which it was carried forward, s, and
-    /// [`Travel::travelled_m`] when its newest state was taken.
+    /// Makes the list of these peers.
     pub(super) fn make(
         &mut self,
         own: PositionNed,
         at: LocalTime,
         reach_m: f64,
         travel: Travel,
-        peers: impl Iterator<Item = (VehicleId, PositionNed, VelocityNed, f64, f64)>,
+        peers: impl Iterator<Item = Extrapolated>,
     ) -> VehicleSet {
         let listed_m = reach_m + SKIN_M + SKIN_SHARE * reach_m;
         (self.near, self.far, self.fastest_m_s) = Default::default();
         self.made = Some(Made { own, at, reach_m, listed_m, travelled_m: travel.travelled_m });
         let mut from_m = travel.travelled_m;
         let is_worth_it = travel.come_m(travel.travelled_m, FAR_FOR_S) <= listed_m;
-        for (id, position, velocity, carried_s, travelled_m) in peers {
+        for Extrapolated { id, position, velocity, carried_s, travelled_m } in peers {
             self.moved(id, position, velocity);
             // Both the position now and the reported one are that far off.
             let beyond_m = 2.0 * listed_m + velocity.horizontal().norm() * carried_s + ROUNDING_M;

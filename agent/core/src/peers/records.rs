@@ -13,6 +13,7 @@ use skein_common::time::LocalTime;
 
 use super::inbox::{Item, News, SwarmInbox};
 use super::message::{PeerMessage, ReceivedState};
+use super::messages::Messages;
 use super::near::Travel;
 use super::peer::{
     Agreed, AgreementChange, FRESH_S, Judgement, KeptHeartbeat, Motion, Newest, Peer, StateArrival, Status,
@@ -29,19 +30,6 @@ pub(super) enum TripChange {
     Restarted(VehicleId),
     /// A heartbeat with this transit, s, echoed a stamp.
     Echoed { sender: VehicleId, at: LocalTime, transit_s: f64, echo: Echo },
-}
-
-/// The newest messages of all vehicles.
-#[derive(Clone, Debug)]
-enum Messages {
-    /// Those that only this agent has received, or agents that have received the same.
-    Own {
-        newest: Vec<Newest>,
-        /// The newest state of each vehicle.
-        motions: Vec<Motion>,
-    },
-    /// Those in the inbox of the whole swarm at this receiver. Between two frames no record holds the inbox.
-    Swarm { inbox: Option<Arc<SwarmInbox>>, receiver: usize },
 }
 
 /// The records of all vehicles.
@@ -109,7 +97,7 @@ impl Records {
             plan,
             receives_all_states: network.graph == Graph::All,
             peers: Vec::new(),
-            messages: Messages::Own { newest: Vec::new(), motions: Vec::new() },
+            messages: Messages::default(),
             with: [VehicleSet::default(); Status::KINDS],
             have_lost_own: VehicleSet::default(),
             known: VehicleSet::default(),
@@ -154,14 +142,8 @@ impl Records {
         peers.clone_from(&other.peers);
         let mut peer_unchanged_until = core::mem::take(&mut self.peer_unchanged_until);
         peer_unchanged_until.clone_from(&other.peer_unchanged_until);
-        let mut messages = core::mem::replace(&mut self.messages, Messages::Swarm { inbox: None, receiver: 0 });
-        match (&mut messages, &other.messages) {
-            (Messages::Own { newest, motions }, Messages::Own { newest: other, motions: others }) => {
-                newest.clone_from(other);
-                motions.clone_from(others);
-            }
-            (messages, others) => *messages = others.clone(),
-        }
+        let mut messages = core::mem::take(&mut self.messages);
+        messages.copy_from(&other.messages);
         *self = Self {
             peers,
             peer_unchanged_until,
@@ -187,7 +169,7 @@ impl Records {
 
     /// Reads what vehicle `own` receives from the inbox of its swarm, from the begin on.
     pub(super) fn share_inbox(&mut self, own: VehicleId) {
-        self.messages = Messages::Swarm { inbox: None, receiver: index(own) };
+        self.messages = Messages::Swarm { inbox: None, receiver: own };
     }
 
     /// Lets go of the inbox, so that the next frame's messages can be put into it.
@@ -212,7 +194,7 @@ impl Records {
         let before = self.begin_update(now);
         let Messages::Swarm { inbox: own, receiver } = &mut self.messages else { return };
         *own = Some(Arc::clone(inbox));
-        let News { states, heartbeats, items } = inbox.news(*receiver);
+        let News { states, heartbeats, items } = inbox.news(index(*receiver));
         // Most messages only repeat what is known, and change nothing of their sender's status.
         let (young, settled) = (self.all(Status::YOUNG), self.all(Status::SETTLED));
         let arrived = states.either(heartbeats);
@@ -232,10 +214,7 @@ impl Records {
             self.first_update = Some(now);
             self.peers = VehicleId::first(self.roster.into()).map(Peer::unknown).collect();
             self.peer_unchanged_until = vec![LocalTime::MAX; self.peers.len()];
-            if let Messages::Own { newest, motions } = &mut self.messages {
-                newest.resize(self.peers.len(), Newest::default());
-                motions.resize(self.peers.len(), Motion::default());
-            }
+            self.messages.prepare(self.peers.len());
         }
         self.changes.clear();
         self.reports.clear();
@@ -300,18 +279,12 @@ impl Records {
     /// The newest state of a vehicle, if any was received.
     #[inline]
     pub(super) fn motion(&self, id: VehicleId) -> Option<Motion> {
-        match &self.messages {
-            Messages::Own { motions, .. } => motions.get(index(id)).copied(),
-            Messages::Swarm { inbox, receiver } => inbox.as_ref()?.motion(index(id), *receiver),
-        }
+        self.messages.motion(id)
     }
 
     /// The newest heartbeat of a vehicle.
     pub(super) fn heartbeat(&self, id: VehicleId) -> Option<KeptHeartbeat> {
-        match &self.messages {
-            Messages::Own { newest, .. } => newest.get(index(id))?.heartbeat,
-            Messages::Swarm { inbox, receiver } => inbox.as_ref()?.heartbeat(index(id), *receiver),
-        }
+        self.messages.heartbeat(id)
     }
 
     /// The vehicles in contact that fly the same plan and report vehicle `own` as lost.
@@ -325,10 +298,7 @@ impl Records {
 
     /// Time from the sending to the arrival of a vehicle's newest state, s, where the inbox knows it.
     pub(super) fn latency_s(&self, id: VehicleId) -> Option<f64> {
-        match &self.messages {
-            Messages::Own { .. } => None,
-            Messages::Swarm { inbox, receiver } => inbox.as_ref()?.latency_s(index(id), *receiver),
-        }
+        self.messages.latency_s(id)
     }
 
     /// A number that changes whenever the agreement's inputs may have changed.
@@ -360,7 +330,7 @@ impl Records {
     /// [`Travel::travelled_m`] when the newest state of a vehicle was taken, or less, m.
     pub(super) fn travelled_m(&self, id: VehicleId) -> f64 {
         match &self.messages {
-            Messages::Swarm { inbox: Some(inbox), receiver } => inbox.travelled_m(index(id), *receiver),
+            Messages::Swarm { inbox: Some(inbox), receiver } => inbox.travelled_m(index(id), index(*receiver)),
             _ => self.travelled_m,
         }
     }
@@ -445,15 +415,7 @@ impl Records {
                 self.unchanged_until = self.unchanged_until.min(*until);
                 continue;
             }
-            let from_inbox;
-            let newest = match &self.messages {
-                Messages::Own { newest, .. } => &newest[index(id)],
-                Messages::Swarm { inbox: Some(inbox), receiver } => {
-                    from_inbox = inbox.newest(index(id), *receiver);
-                    &from_inbox
-                }
-                Messages::Swarm { inbox: None, .. } => continue,
-            };
+            let Some(newest) = &self.messages.newest(id) else { continue };
             let is_doubtful = peer.is_doubtful(&judgement);
             let change = peer.age(newest, &judgement);
             if is_doubtful && matches!(change, Some(Change::Found(_))) {
@@ -463,9 +425,8 @@ impl Records {
             self.changes.extend(change);
             let status = peer.assess(newest, &judgement);
             if let Messages::Swarm { receiver, .. } = self.messages {
-                let own = VehicleId::new(receiver as u8 + 1).ok();
-                let has_lost_own = own.is_some_and(|own| newest.lost().contains(own));
-                self.have_lost_own.set(id, has_lost_own && status.contains(Status::REPORTS_LOST));
+                let has_lost_own = newest.lost().contains(receiver) && status.contains(Status::REPORTS_LOST);
+                self.have_lost_own.set(id, has_lost_own);
             }
             *until = peer.unchanged_until(newest, &judgement);
             self.unchanged_until = self.unchanged_until.min(*until);
@@ -588,8 +549,7 @@ impl Records {
     /// Keeps what a heartbeat contains beside the agreement state: an echo, an order, a plan that differs.
     fn note_contents(&mut self, message: &Heartbeat, at: LocalTime) {
         let (plan, Header { sender: id, stamp, .. }) = (self.plan, message.header);
-        let is_for_other =
-            |of: VehicleId| matches!(self.messages, Messages::Swarm { receiver, .. } if receiver != index(of));
+        let is_for_other = |of| matches!(self.messages, Messages::Swarm { receiver, .. } if receiver != of);
         if let Some(echo) = message.echo.filter(|echo| !is_for_other(echo.of)) {
             let transit_s = since_stamp_s(at, stamp);
             self.trip_changes.push(TripChange::Echoed { sender: id, at, transit_s, echo });
