@@ -43,6 +43,7 @@ use crate::capacity::{self, Demand};
 use crate::findings::Line;
 use node::{INSTALLS, LOG, NodeFolder, RUN, Settings};
 use place::SwarmFolder;
+pub(crate) use service::START_WITHIN;
 use skein_lab::error::Error;
 
 /// `skein node`

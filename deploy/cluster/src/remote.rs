@@ -9,12 +9,13 @@ use serde_json::Value;
 use skein_common::id::SwarmName;
 use skein_common::printable::printable;
 
+use super::host::START_WITHIN;
 use super::program::{self, Glibc, Program};
 use super::protocol::{Answer, Ask, Change, Facts, Request};
 use super::ssh::{CommandOutput, Host, MAX_SENTENCE, Ssh, quote};
 use crate::inventory::Node;
 
-/// Time limit of a request, connecting included; a landing that is part of the request comes on top.
+/// Time limit of a request, connecting included; what the host itself waits for, a landing or a process, comes on top.
 const ANSWER: Duration = Duration::from_secs(20);
 /// Time that a simulator may need in addition to load a flight.
 const PLACED_WITHIN: Duration = Duration::from_secs(100);
@@ -163,6 +164,8 @@ impl Remote<'_> {
     fn ask_program(&self, host: &Host, command: &str, node: &Node, ask: Ask) -> Result<Answer, Fault> {
         let within = match ask {
             Ask::Stop { within_s } | Ask::Remove { within_s } => ANSWER + Duration::from_secs_f64(within_s.max(0.0)),
+            // The host's own sentence says more than that it did not answer, so it has the time to send it.
+            Ask::Start { .. } => ANSWER + START_WITHIN,
             Ask::Place { .. } => ANSWER + PLACED_WITHIN,
             _ => ANSWER,
         };
