@@ -12,14 +12,14 @@ mod ports;
 use std::path::Path;
 use std::time::Duration;
 
-use super::ssh::{Ssh, at_once, by_host};
+use super::ssh::{CONNECT_S, Ssh, at_once, by_host};
 use crate::findings::{Line, as_table, verdict};
 use crate::inventory::{Inventory, Node};
 use host::HostChecks;
 use skein_lab::error::Error;
 
-/// Time limit of a login; a host that takes longer is not asked further.
-const LOGIN: Duration = Duration::from_secs(7);
+/// Time limit of a login, connecting included; a host that takes longer is not asked further.
+const LOGIN: Duration = Duration::from_secs(CONNECT_S as u64 + 5);
 
 impl Line {
     fn of(node: &Node, what: &'static str, found: impl Into<String>) -> Self {
