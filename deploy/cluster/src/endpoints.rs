@@ -189,7 +189,7 @@ mod tests {
     use skein_common::id::VehicleId;
 
     use super::*;
-    use crate::ports::LEFT_ALONE;
+    use crate::ports::{LEFT_ALONE, close};
 
     fn endpoints(name: &str, agent: &str) -> Endpoints {
         Endpoints {
@@ -285,7 +285,7 @@ mod tests {
         fs::write(folder.path().join("c.json"), "{}").unwrap();
         assert!(find(folder.path(), Some(&SwarmName::new("c").unwrap())).is_err());
         let [_, last] = agents;
-        drop(last);
+        close(last);
         let missing = find(folder.path(), Some(&SwarmName::new("gon").unwrap())).unwrap_err().to_string();
         assert!(missing.contains("; swarm b flies here: --swarm b names it; `skein fly`"), "{missing}");
         assert_eq!(others(folder.path(), &SwarmName::new("b").unwrap()), None);
@@ -297,7 +297,7 @@ mod tests {
         let listener = TcpListener::bind(LEFT_ALONE).unwrap();
         let there = endpoints("a", &format!("tcp/{}", listener.local_addr().unwrap()));
         assert!(there.any_agent_answers());
-        drop(listener);
+        close(listener);
         assert!(!there.any_agent_answers());
     }
 }

@@ -5,6 +5,9 @@ use std::fmt;
 use std::io;
 use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 
+#[cfg(test)]
+use {skein_host::clock, std::net::TcpStream, std::time::Duration};
+
 use skein_agent::plant::xplane::wire;
 use skein_common::id::VehicleId;
 
@@ -44,6 +47,19 @@ impl fmt::Display for HostPort {
 /// and might take the port. macOS has only the usual address.
 #[cfg(test)]
 pub(crate) const LEFT_ALONE: &str = if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" };
+
+/// Closes a test's socket, and waits until nobody can connect to it: a program that another test starts has the socket too until it
+/// runs, on a busy PC for a second.
+#[cfg(test)]
+pub(crate) fn close(listener: TcpListener) {
+    let address = listener.local_addr().unwrap();
+    drop(listener);
+    let until = clock::now() + Duration::from_secs(20);
+    while TcpStream::connect_timeout(&address, Duration::from_secs(1)).is_ok() {
+        assert!(clock::now() < until, "{address} is still open");
+        clock::sleep(Duration::from_millis(20));
+    }
+}
 
 /// Returns `count` different TCP ports on which no process listens.
 ///

@@ -229,13 +229,10 @@ impl Place {
 #[cfg(test)]
 mod tests {
     use std::net::TcpListener;
-    use std::time::Duration;
-
-    use skein_host::clock;
 
     use super::*;
     use crate::inventory::tests::{TEAMS, fleet, lab};
-    use crate::ports::LEFT_ALONE;
+    use crate::ports::{LEFT_ALONE, close};
 
     #[test]
     fn a_swarm_on_this_pc_and_a_cluster_cannot_both_be_chosen() {
@@ -276,14 +273,9 @@ mod tests {
             assert!(error.exit_code() == 2 && error.to_string().ends_with(&both), "{error}");
             assert_eq!(error.to_string().contains("SKEIN_CLUSTER"), by_variable, "{error}");
         }
-        drop(agent);
-        // A program that another test starts has the socket too until it runs.
-        let until = clock::now() + Duration::from_secs(20);
-        let is_over = || matches!(choose_unnamed(&runtime, cluster(true)), Ok(Place::Cluster(_)));
-        while !is_over() {
-            assert!(clock::now() < until, "the swarm of this PC has ended");
-            clock::sleep(Duration::from_millis(20));
-        }
+        close(agent);
+        let chosen = choose_unnamed(&runtime, cluster(true)).unwrap();
+        assert!(matches!(chosen, Place::Cluster(_)), "the swarm of this PC has ended");
     }
 
     #[test]
