@@ -36,7 +36,7 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 const PROCESS_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time within which an agent that cannot start has ended.
 const EARLY_EXIT: Duration = Duration::from_millis(400);
-/// Longest time that a start waits: for the supervisor, for the agent, and for an early end.
+/// Time that a start waits for the supervisor, for the agent, and for an agent that ends at once.
 pub(crate) const START_WITHIN: Duration = PROCESS_TIMEOUT.saturating_mul(2).saturating_add(EARLY_EXIT);
 /// Time limit for an agent to end after a second request, on which it gives its controls back without landing.
 const FORCED_END: Duration = Duration::from_secs(3);
