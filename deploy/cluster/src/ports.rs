@@ -48,7 +48,7 @@ impl fmt::Display for HostPort {
 #[cfg(test)]
 pub(crate) const LEFT_ALONE: &str = if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" };
 
-/// Closes a test's socket, and waits until nobody can connect to it: a program that another test starts has the socket too until it
+/// Closes a test's socket, and waits until it accepts no connection: a program that another test starts has the socket too until it
 /// runs, on a busy PC for a second.
 #[cfg(test)]
 pub(crate) fn close(listener: TcpListener) {
