@@ -85,8 +85,9 @@ pub(super) struct LoopState {
     /// Health messages that were dropped because the publishing thread still had the previous one.
     unsent_healths: u64,
     summaries: u64,
-    /// When the next summary is due.
+    /// When the next summary is due, and the activity that the last one showed.
     next_summary: LocalTime,
+    summarised: Option<Activity>,
     /// Timing of the last full second.
     last_second: TimingSummary,
 }
@@ -235,12 +236,16 @@ impl Control {
         })
     }
 
-    /// The summary after this step, if it has a subscriber and is due. A vehicle without frames sends it too.
+    /// The summary after this step, if it has a subscriber and is due. A vehicle without frames sends it too. A new activity is
+    /// shown at once: an agent that was asked to end does so in the step in which its vehicle has landed.
     fn summary(&mut self, true_time: LocalTime, frame: Option<&Frame>) -> Option<Summary> {
         let kept = &mut self.kept;
-        if true_time < kept.next_summary || !self.link.summary_is_wanted() {
+        let activity = Some(self.station.agent().activity());
+        let is_due = true_time >= kept.next_summary || activity != kept.summarised;
+        if !is_due || !self.link.summary_is_wanted() {
             return None;
         }
+        kept.summarised = activity;
         // Ten a second on average, and none made up for after a pause.
         kept.next_summary =
             kept.next_summary.max(true_time.plus_seconds(-SUMMARY_PERIOD_S)).plus_seconds(SUMMARY_PERIOD_S);

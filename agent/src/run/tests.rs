@@ -7,7 +7,7 @@ use skein_common::message::{
     decode, encode,
 };
 use skein_common::scenario::{self, EventAction, Fault, Graph, Network, Source, load};
-use skein_common::state::{Membership, PeerStatus};
+use skein_common::state::{Activity, Membership, PeerStatus};
 use skein_common::time::SenderStamp;
 use skein_common::topic::{Topic, all};
 use tokio::runtime::Runtime;
@@ -159,6 +159,12 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     two.end();
     recorded.extend(events());
     assert!(has(&recorded, 1, EventKind::Landed) && has(&recorded, 2, EventKind::Landed), "{recorded:?}");
+    let last = summaries();
+    for number in [1, 2] {
+        let shown =
+            last.iter().rfind(|summary| summary.header.sender.get() == number).map(|summary| summary.facts.activity);
+        assert_eq!(shown, Some(Activity::Landed), "the last summary of vehicle {number}");
+    }
 }
 
 /// Summaries of vehicle 1 are sent at most ten times a second and show what its traces do, by its own estimate.
