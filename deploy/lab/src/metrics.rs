@@ -7,9 +7,9 @@
 //! * A **live member** is an active member whose agent runs. Figures of the formation use live members; separations use
 //!   all vehicles.
 //! * **Settling** figures (`at_altitude_s`, `in_band_s`, `even_*_s`) are the first time after which the condition holds
-//!   to the end of the window, in the formation of each vehicle's own step. A condition that never settles gives
-//!   `null`, and its key is in `never`. In a mission of more than one place it only gives `null`, because there the
-//!   swarm has to move on.
+//!   to the end of the window, or until the first member is at the mission's landing, in the formation of each vehicle's
+//!   own step. A condition that never settles gives `null`, and its key is in `never`. In a mission of more than one place it
+//!   only gives `null`, because there the swarm has to move on.
 //! * Values that an operator sets in flight count from the time at which they take effect: the figures are those of the formation
 //!   as each vehicle flies it.
 //! * **Steady** figures use the last [`STEADY_S`] of the window and are `null` in a shorter one. Figures of the network
@@ -146,6 +146,8 @@ pub struct Metrics {
     tuned: Vec<Option<Tuned>>,
     /// Number of mission steps that are not a landing.
     places: usize,
+    /// The mission step that is a landing.
+    landing: Option<u32>,
     t_s: f64,
     /// Earliest time of the next observation of the formation, s.
     next_formation_s: f64,
@@ -230,6 +232,10 @@ impl Metrics {
             written: Box::new(without_vehicles(scenario)),
             tuned: Vec::new(),
             places: steps.iter().filter(|step| !matches!(step.target, Target::Land(_))).count(),
+            landing: steps
+                .iter()
+                .zip(0..)
+                .find_map(|(step, nth)| matches!(step.target, Target::Land(_)).then_some(nth)),
             t_s: 0.0,
             next_formation_s: 0.0,
             formation_s: 0.0,
@@ -425,15 +431,30 @@ impl Metrics {
             self.following.trail(lag_m);
         }
         self.series.set_members(&sums);
-        self.settle(t_s, count > 0 && high, count > 0 && inside, members().map(|member| member.step).max());
+        let lands = self.lands(vehicles);
+        self.settle(t_s, lands, [count > 0 && high, count > 0 && inside], members().map(|member| member.step).max());
     }
 
-    /// Updates the settling figures with the conditions that hold now; `step` is the highest step of a member.
-    fn settle(&mut self, t_s: f64, high: bool, inside: bool, step: Option<u32>) {
+    /// Whether a live member is at the mission's landing or, where none is left, another vehicle. A swarm that lands leaves its
+    /// formation, however settled it was.
+    fn lands(&self, vehicles: &[VehicleNow]) -> bool {
+        let is_at_landing = |vehicle: &VehicleNow| vehicle.runs && Some(vehicle.step) == self.landing;
+        let lands = match self.members.as_slice() {
+            [] => vehicles.iter().any(is_at_landing),
+            members => members.iter().any(|&nth| is_at_landing(&vehicles[nth])),
+        };
+        self.landing.is_some() && lands
+    }
+
+    /// Updates the settling figures, unless the swarm `lands`, with the conditions that hold now: whether all are at their
+    /// altitude, and in the band. `step` is the highest step of a member.
+    fn settle(&mut self, t_s: f64, lands: bool, [high, inside]: [bool; 2], step: Option<u32>) {
         let deviation_deg = largest_gap_deviation_rad(&mut self.bearings).map(f64::to_degrees);
         let is_even_to = |most_deg: f64| deviation_deg.is_some_and(|deviation_deg| deviation_deg < most_deg);
         let holds = [high, inside && self.is_radial, is_even_to(10.0), is_even_to(5.0)];
-        self.settling.iter_mut().zip(holds).for_each(|(settling, holds)| settling.observe(t_s, holds));
+        if !lands {
+            self.settling.iter_mut().zip(holds).for_each(|(settling, holds)| settling.observe(t_s, holds));
+        }
         if let Some(deviation_deg) = deviation_deg {
             self.series.set(Column::Spacing, deviation_deg);
         }

@@ -75,7 +75,7 @@ macro_rules! figures {
 
 figures! {
     duration_s: f64, "s", None, "length of a run", "Length of the window of the figures.";
-    at_altitude_s: Option<f64>, "s", Some(More), "all at their altitude from then on", "First time after which every vehicle stays within 10 % of its altitude to the end of the window. In a mission of several places each settling figure counts at the step of each vehicle, and none is in `never`.";
+    at_altitude_s: Option<f64>, "s", Some(More), "all at their altitude from then on", "First time after which every vehicle stays within 10 % of its altitude to the end of the window, or until the first member is at the mission's landing. In a mission of several places each settling figure counts at the step of each vehicle, and none is in `never`.";
     in_band_s: Option<f64>, "s", Some(More), "all in the band from then on", "First time after which every vehicle stays in the band of its step (under a law of flocks inside the area). Slots in a line, V, grid or list have no band.";
     even_10deg_s: Option<f64>, "s", Some(More), "gaps within 10° of even from then on", "First time after which every gap of the ring stays within 10° of even.";
     even_5deg_s: Option<f64>, "s", Some(More), "gaps within 5° of even from then on", "First time after which every gap of the ring stays within 5° of even.";

@@ -69,6 +69,27 @@ fn settling_is_the_first_time_after_which_a_condition_holds_to_the_end() {
 }
 
 #[test]
+fn what_had_settled_before_the_landing_stays_settled() {
+    let mut metrics = metrics("swarm.vehicles = 2\nmission.steps = [{ centre_ne_m = [0, 0] }, { land = true }]");
+    let at = |step, height_m| {
+        [0.0, 180.0]
+            .into_iter()
+            .zip(1..)
+            .map(move |(bearing_deg, number)| VehicleNow { step, ..vehicle(number, bearing_deg, 100.0, height_m) })
+    };
+    let both = |step, height_m| at(step, height_m).collect::<Vec<_>>();
+    metrics.observe(1.0, &both(0, 30.0));
+    metrics.observe(2.0, &both(0, 30.0));
+    let landing = at(1, 20.0).map(|vehicle| VehicleNow { membership: Membership::Left, ..vehicle });
+    // Vehicle 2 follows a moment later.
+    metrics.observe(3.0, &[at(1, 20.0).next().unwrap(), at(0, 30.0).last().unwrap()]);
+    metrics.observe(4.0, &landing.collect::<Vec<_>>());
+    let report = report(&metrics);
+    assert_eq!((report.at_altitude_s, report.in_band_s, report.even_5deg_s), (Some(1.0), Some(1.0), Some(1.0)));
+    assert_eq!(report.never, [""; 0]);
+}
+
+#[test]
 fn separations_count_pairs_in_the_air_and_collisions_count_pairs() {
     let mut metrics = metrics("swarm.vehicles = 3");
     metrics.observe(0.1, &[vehicle(1, 0.0, 1.0, 1.0), vehicle(2, 180.0, 0.5, 30.0), vehicle(3, 90.0, 100.0, 30.0)]);
