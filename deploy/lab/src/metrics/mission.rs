@@ -41,8 +41,13 @@ impl Steps {
     /// Notes the steps that every live member has now reached or passed.
     fn open(&mut self, t_s: f64, vehicles: &[VehicleNow]) {
         let members = || vehicles.iter().filter(|vehicle| vehicle.is_live_member());
-        let passed = members().map(|member| member.reached.map_or(0, |reached| reached + 1).max(member.step)).min();
-        let Some(passed) = passed else { return };
+        // Where the last members have begun to land between two observations, they still have entered the landing step.
+        let before = |vehicle: &VehicleNow| self.at.get(index(vehicle.id)).copied().flatten();
+        let has_entered =
+            |vehicle: &&VehicleNow| vehicle.runs && before(vehicle).is_some_and(|before| vehicle.step > before);
+        let passed = |vehicle: &VehicleNow| vehicle.reached.map_or(0, |reached| reached + 1).max(vehicle.step);
+        let by_landing = || vehicles.iter().filter(has_entered).map(passed).min();
+        let Some(passed) = members().map(passed).min().or_else(by_landing) else { return };
         let steps = members().map(|member| member.step);
         if let (Some(least), Some(most)) = (steps.clone().min(), steps.max()) {
             self.skew = self.skew.max(Some(most - least));
@@ -125,5 +130,14 @@ mod tests {
             (12.0, &[landing, joining(2)]),
         ]);
         assert_eq!((steps.passed, steps.skew, steps.latency_s), (Some(3), Some(0), Some(2.0)));
+    }
+
+    #[test]
+    fn a_step_is_passed_by_members_that_begin_to_land_between_two_observations() {
+        let landing = |number| VehicleNow { membership: Membership::Left, ..at(number, 1, Some(0)) };
+        let steps = observed(&[(0.0, &[at(1, 0, None), at(2, 0, None)]), (0.1, &[landing(1), landing(2)])]);
+        assert_eq!(steps.passed, Some(1));
+        let steps = observed(&[(0.0, &[at(1, 0, None), at(2, 0, None)]), (0.1, &[landing(1), at(2, 0, None)])]);
+        assert_eq!(steps.passed, Some(0), "vehicle 2 is still there");
     }
 }
