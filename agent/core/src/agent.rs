@@ -32,7 +32,7 @@ use crate::pace::Pace;
 use crate::peers::{Broadcast, Change, PeerEstimate, PeerStateAge, Peers, Received};
 use crate::plant::{Command, Measurement, PeerPose, PlantStatus};
 use crate::random::{self, Purpose};
-use crate::strangers::{Strangers, StrangersReceived};
+use crate::strangers::{KnownStrangers, Strangers};
 use crate::tuning::Tuning;
 use steady_clock::SteadyClock;
 
@@ -49,8 +49,8 @@ pub struct Inputs<'a> {
     pub received: &'a [Received],
     /// Messages that all vehicles of the swarm received alike.
     pub broadcast: Broadcast<'a>,
-    /// States received from vehicles of other teams, in any order.
-    pub strangers: StrangersReceived<'a>,
+    /// The strangers known; `None` without a fleet.
+    pub strangers: Option<KnownStrangers<'a>>,
     /// Intents received from vehicles of other teams, each with its time of arrival by the own clock.
     pub intents: &'a [ReceivedIntent],
     /// Makes this vehicle land and leave the swarm, because its agent is about to end.
@@ -146,7 +146,7 @@ impl Agent {
             estimator: Estimator::new(origin, &scenario.sensing),
             diagnosis: Diagnosis::new(scenario, aircraft),
             peers: Peers::new(own, roster, plan, &scenario.network),
-            strangers: Strangers::default(),
+            strangers: Strangers::new(own),
             intents: Intents::new(scenario).map(Box::new),
             mission: Mission::new(scenario, own, aircraft.take_off_rotor_rad_s()),
             tuning: Tuning::new(scenario),
@@ -191,6 +191,11 @@ impl Agent {
     /// The vehicle's estimated position; `None` before the first estimate.
     pub fn position(&self) -> Option<PositionNed> {
         self.last.estimate.map(|estimate| estimate.position)
+    }
+
+    /// Distance beyond which no vehicle of another team affects this one in any step of its mission, m.
+    pub fn strangers_reach_m(&self) -> f64 {
+        self.formation.longest_strangers_reach_m()
     }
 
     /// The peers' estimated current states.
@@ -373,7 +378,6 @@ impl Agent {
             self.peers.did_not_run(for_s);
         }
         self.peers.update(own.now.local, inputs.received, inputs.broadcast);
-        self.strangers.update(own.now.local, inputs.strangers);
         if let Some(intents) = &mut self.intents {
             intents.receive(inputs.intents);
         }
@@ -461,7 +465,7 @@ impl Agent {
         let (estimate, task) = own.new.as_ref().zip(task)?;
         let was_in_place_s = self.last.in_place_s.take();
         let strangers_reach_m = self.formation.strangers_reach_m(task);
-        let strangers = self.strangers.near(estimate.position, strangers_reach_m);
+        let strangers = self.strangers.near(own.now.local, inputs.strangers, (estimate.position, strangers_reach_m));
         let reach_m = self.formation.reach_m(task, self.peers.members().len() + 1);
         let others = self.peers.near(estimate.position, reach_m);
         self.last.output = self.formation.step(own.dt_s, estimate, (others, strangers), task, workspace);

@@ -64,6 +64,8 @@ pub use ring::of as ring;
 const FASTEST_M_S: f64 = 7.5;
 /// Speed up to which strangers are cleared in time, m/s.
 const STRANGERS_M_S: f64 = 20.0;
+/// Fastest movement of a centre, m/s: the limit of `mission.speed_m_s`.
+const FASTEST_CENTRE_M_S: f64 = 20.0;
 /// Speed above which an obstacle of known velocity counts as moving, m/s: one that hovers or lands does not.
 const MOVES_ABOVE_M_S: f64 = 1.0;
 /// Vertical distance beyond which an obstacle is ignored, m.
@@ -301,6 +303,13 @@ impl Formation {
         // A vehicle that ensures the whole rate alone has twice the rate: half the speed at the same distance.
         let closing_m_s = FASTEST_M_S + feedforward_m_s + STRANGERS_M_S;
         self.filter.map_or(0.0, |filter| filter.reach_m(closing_m_s / 2.0, filter.distance_m))
+    }
+
+    /// Distance beyond which no stranger affects the output in any step of the mission, m.
+    pub fn longest_strangers_reach_m(&self) -> f64 {
+        let closing_m_s = FASTEST_M_S + FASTEST_CENTRE_M_S + STRANGERS_M_S;
+        let filters = self.shapes.iter().filter_map(|shape| shape.filter).chain(self.filter);
+        filters.map(|filter| filter.reach_m(closing_m_s / 2.0, filter.distance_m)).fold(0.0, f64::max)
     }
 
     /// The formation's output `dt_s` after the last step, with these peers and strangers near this vehicle; `None` if the task

@@ -18,6 +18,7 @@ mod channels;
 mod cuts;
 mod draw;
 mod link;
+mod numbers;
 mod strangers;
 mod swarm;
 
@@ -36,7 +37,7 @@ use crate::peers::{PeerMessage, Received, ReceivedState};
 use channels::ReceiverChannels;
 pub use cuts::{delays, lasting, silences, union};
 use link::Link;
-pub use strangers::StrangerImpairments;
+pub use strangers::StrangerNetwork;
 pub use swarm::SwarmNetwork;
 
 /// The network impairments of one receiving agent.

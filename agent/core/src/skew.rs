@@ -13,6 +13,8 @@ pub struct Skew {
     drift: f64,
     /// Sum of all jumps, s, positive forward.
     ahead_s: f64,
+    /// The last jump: its correct time, and the sum of the jumps before it, s.
+    last_jump: Option<(LocalTime, f64)>,
 }
 
 impl Skew {
@@ -25,17 +27,36 @@ impl Skew {
             zero: LocalTime::from_seconds(vehicle.clock_offset_s - last_s),
             drift: vehicle.clock_drift_ppm * 1e-6,
             ahead_s: 0.0,
+            last_jump: None,
         }
     }
 
-    /// Reading of the vehicle's clock when a correct clock reads `right`.
+    /// Reading of the vehicle's clock now, when a correct clock reads `right`.
     pub fn local_time(self, right: LocalTime) -> LocalTime {
-        let drifted = right.plus_seconds(right.seconds() * self.drift);
-        LocalTime::from_nanoseconds(drifted.nanoseconds() + self.zero.nanoseconds()).plus_seconds(self.ahead_s)
+        self.reading(right, self.ahead_s)
     }
 
-    /// Makes the clock jump forward by `by_s`, or back if it is negative.
-    pub fn jump(&mut self, by_s: f64) {
+    /// Reading of the vehicle's clock when a correct clock read `right`, before the last jump or after it. Jumps before the last
+    /// one count as older than `right`.
+    pub fn stamp(self, right: LocalTime) -> LocalTime {
+        if self.is_zero() {
+            return right;
+        }
+        let before = self.last_jump.filter(|(at, _)| right <= *at);
+        self.reading(right, before.map_or(self.ahead_s, |(_, ahead_s)| ahead_s))
+    }
+
+    fn reading(self, right: LocalTime, ahead_s: f64) -> LocalTime {
+        let drifted = right.plus_seconds(right.seconds() * self.drift);
+        LocalTime::from_nanoseconds(drifted.nanoseconds() + self.zero.nanoseconds()).plus_seconds(ahead_s)
+    }
+
+    /// Makes the clock jump forward by `by_s` when a correct clock reads `right`, or back if it is negative.
+    pub fn jump(&mut self, right: LocalTime, by_s: f64) {
+        if by_s == 0.0 {
+            return;
+        }
+        self.last_jump = Some((right, self.ahead_s));
         self.ahead_s += by_s;
     }
 

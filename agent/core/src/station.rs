@@ -13,7 +13,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use serde::{Deserialize, Serialize};
-use skein_common::id::{Incarnation, VehicleId};
+use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Trace, VehicleFacts};
 use skein_common::scenario::Scenario;
 use skein_common::state::Membership;
@@ -24,13 +24,13 @@ use crate::aircraft::Aircraft;
 use crate::control::Rules;
 use crate::formation::external::LawReply;
 use crate::formation::{UnsupportedScenario, Workspace};
-use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition, StrangerImpairments};
+use crate::impairments::{DeliveryCounts, Impairments, ReceiverPosition, StrangerNetwork};
 use crate::intent::ReceivedIntent;
 use crate::peers::{Broadcast, Received};
 use crate::plant::{GroundTruth, Measurement, PlantStatus};
 use crate::sensors::Sensors;
 use crate::skew::Skew;
-use crate::strangers::{StrangerState, StrangersReceived};
+use crate::strangers::{KnownStrangers, StrangerState};
 
 /// Clock data that survive a restart of the agent: the clock's error and the time of take-off.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -55,9 +55,9 @@ impl Clocks {
         Self { flown_before_s, ..self }
     }
 
-    /// Makes the vehicle's clock jump forward by `by_s`, or back if it is negative.
-    pub fn jump(&mut self, by_s: f64) {
-        self.skew.jump(by_s);
+    /// Makes the vehicle's clock jump forward by `by_s` at this correct time, or back if it is negative.
+    pub fn jump(&mut self, right: LocalTime, by_s: f64) {
+        self.skew.jump(right, by_s);
     }
 
     /// Reading of the vehicle's clock when the correct clock reads `right`.
@@ -93,8 +93,8 @@ pub struct Entering<'a> {
     pub leave: bool,
     /// Messages to all vehicles of the swarm.
     pub broadcast: Broadcast<'a>,
-    /// States of other teams.
-    pub strangers: &'a [StrangerState],
+    /// The network from other teams to all vehicles of this one; `None` if there is none, or the station has its own.
+    pub strangers: Option<&'a StrangerNetwork>,
     /// Reply of an external law to the last query.
     pub answer: Option<&'a LawReply>,
 }
@@ -115,7 +115,7 @@ impl<'a> Entering<'a> {
             measurement,
             leave: false,
             broadcast: Broadcast::default(),
-            strangers: &[],
+            strangers: None,
             answer: None,
         }
     }
@@ -150,6 +150,7 @@ pub struct StepInputs {
 /// One vehicle's agent with its clocks, its sensors and the scenario's network impairments.
 #[derive(Clone, Debug)]
 pub struct Station {
+    own: VehicleId,
     agent: Agent,
     impairments: Impairments,
     clocks: Clocks,
@@ -157,11 +158,9 @@ pub struct Station {
     sensors: Option<Box<Sensors>>,
     /// Messages received since the last step, stamped by the vehicle's clock.
     received: Vec<Received>,
-    /// Impairments of the states of vehicles of other teams; `None` without a fleet.
-    stranger_impairments: Option<Box<StrangerImpairments>>,
-    /// Those states received since the last step, stamped alike.
-    strangers: Vec<StrangerState>,
-    /// Intents of other teams received since the last step, stamped alike.
+    /// The network from other teams to this vehicle; `None` without a fleet, or if all vehicles of the team share one.
+    strangers: Option<Box<StrangerNetwork>>,
+    /// Buffer for the intents of other teams in a step, stamped alike.
     intents: Vec<ReceivedIntent>,
 }
 
@@ -180,9 +179,18 @@ impl Station {
     ) -> Result<Self, UnsupportedScenario> {
         let agent = Agent::new(scenario, own, incarnation, aircraft, rules)?;
         let (impairments, sensors) = (Impairments::new(scenario, own), Sensors::new(scenario, own));
-        let stranger_impairments = scenario.team.map(|_| Box::new(StrangerImpairments::new(scenario, own)));
-        let (received, strangers, intents) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { agent, impairments, clocks, sensors, received, stranger_impairments, strangers, intents })
+        let strangers = scenario.team.map(|_| {
+            let mut network = Box::new(StrangerNetwork::new(scenario));
+            network.begin(own);
+            network
+        });
+        let (received, intents) = (Vec::new(), Vec::new());
+        Ok(Self { own, agent, impairments, clocks, sensors, received, strangers, intents })
+    }
+
+    /// Makes the agent learn of other teams from the network of its whole team, which every step has.
+    pub fn share_strangers(&mut self) {
+        self.strangers = None;
     }
 
     /// Makes the agent read its messages from the inbox of the whole swarm, which every step has in its broadcast. The network
@@ -208,41 +216,21 @@ impl Station {
         }
     }
 
-    /// Takes the states of vehicles of other teams that an ideal network delivers, each with the correct time of its
-    /// arrival. Those that pass the impairments by now are kept for the next step. Call it in every frame: a state may be
-    /// late.
-    pub fn receive_strangers(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = StrangerState>) {
-        let Some(impairments) = &mut self.stranger_impairments else { return };
-        let own = self.agent.position();
-        arriving.into_iter().for_each(|state| impairments.send(state, right, own));
-        let before = self.strangers.len();
-        impairments.receive(right, &mut self.strangers);
-        if !self.clocks.skew.is_zero() {
-            self.strangers[before..].iter_mut().for_each(|state| state.at = self.clocks.local_time(state.at));
-        }
-    }
-
-    /// Takes the intents of other teams that an ideal network delivers, as [`Self::receive_strangers`] takes states.
-    pub fn receive_intents(&mut self, right: LocalTime, arriving: impl IntoIterator<Item = ReceivedIntent>) {
-        let Some(impairments) = &mut self.stranger_impairments else { return };
-        arriving.into_iter().for_each(|intent| impairments.send_intent(intent, right));
-        let before = self.intents.len();
-        impairments.receive_intents(right, &mut self.intents);
-        if !self.clocks.skew.is_zero() {
-            self.intents[before..].iter_mut().for_each(|intent| intent.at = self.clocks.local_time(intent.at));
-        }
+    /// Takes the states and intents of other teams that an ideal network delivers, each with the correct time of its arrival. Call
+    /// it before every step: some may be late.
+    fn receive_strangers(&mut self, right: LocalTime, states: &[StrangerState], intents: &[ReceivedIntent]) {
+        let Self { own, agent, strangers: Some(network), .. } = self else { return };
+        let receivers: VehicleSet = [*own].into_iter().collect();
+        network.set_receivers([(*own, agent.position(), agent.strangers_reach_m())].into_iter());
+        states.iter().for_each(|state| network.send(state, right, receivers));
+        intents.iter().for_each(|intent| network.send_intent(intent, right, receivers));
+        network.deliver(right);
     }
 
     /// Whether the network delivers every message to this vehicle at once, so that it need not be kept in flight:
     /// [`Self::step`] takes such messages in place.
     pub fn receives_broadcast(&self) -> bool {
         self.impairments.is_perfect()
-    }
-
-    /// Whether the network delivers every state of other teams to this vehicle at once, so that [`Self::step`] takes them
-    /// in place.
-    pub fn receives_strangers_at_once(&self) -> bool {
-        self.stranger_impairments.as_ref().is_some_and(|impairments| impairments.is_perfect())
     }
 
     /// Steps the agent with these inputs and all that the impairments have let pass.
@@ -257,13 +245,15 @@ impl Station {
             }
             (_, measurement) => measurement,
         };
-        let strangers = StrangersReceived { stamped: &self.strangers, now: entering.strangers };
+        let (network, clock) = (entering.strangers.or(self.strangers.as_deref()), self.clocks.skew);
+        let strangers = network.map(|network| KnownStrangers { records: network.records(), right, clock });
+        let arrived = network.into_iter().flat_map(|network| network.intents(self.own));
+        self.intents.extend(arrived.map(|intent| ReceivedIntent { at: clock.stamp(intent.at), ..*intent }));
         let (received, intents) = (&*self.received, &*self.intents);
         let inputs =
             Inputs { did_not_run_s, status, measurement, received, broadcast, strangers, intents, leave, answer };
         let outputs = self.agent.step(now, &inputs, workspace);
         self.received.clear();
-        self.strangers.clear();
         self.intents.clear();
         if self.agent.membership() == Membership::Active {
             self.clocks.took_off.get_or_insert(right);
@@ -275,8 +265,9 @@ impl Station {
     pub fn step_with(&mut self, inputs: &mut StepInputs, workspace: &mut Workspace) -> Outputs {
         let right = inputs.right;
         self.receive(right, inputs.received.drain(..));
-        self.receive_strangers(right, inputs.strangers.drain(..));
-        self.receive_intents(right, inputs.intents.drain(..));
+        self.receive_strangers(right, &inputs.strangers, &inputs.intents);
+        inputs.strangers.clear();
+        inputs.intents.clear();
         let plant = (inputs.plant_time, inputs.measurement.as_ref());
         let entering = Entering {
             did_not_run_s: inputs.did_not_run_s,
@@ -314,9 +305,9 @@ impl Station {
         &self.clocks
     }
 
-    /// Makes the vehicle's clock jump forward by `by_s`, or back if it is negative.
-    pub fn clock_jumps(&mut self, by_s: f64) {
-        self.clocks.jump(by_s);
+    /// Makes the vehicle's clock jump forward by `by_s` at this correct time, or back if it is negative.
+    pub fn clock_jumps(&mut self, right: LocalTime, by_s: f64) {
+        self.clocks.jump(right, by_s);
     }
 
     /// Counts of all messages by their delivery; `None` if the scenario has no impairments.
@@ -354,8 +345,8 @@ mod tests {
         let right = LocalTime::from_seconds(100.0);
         let local_time = |clocks: &Clocks| clocks.local_time(right).nanoseconds();
         assert_eq!(local_time(&clocks), 110_000_000_000);
-        clocks.jump(7.0);
-        clocks.jump(-2.0);
+        clocks.jump(right, 7.0);
+        clocks.jump(right, -2.0);
         assert_eq!(local_time(&clocks), 115_000_000_000);
         assert_eq!(clocks.flown_s(right), None, "a clock jump does not change the flight time");
     }

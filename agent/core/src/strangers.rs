@@ -6,16 +6,23 @@
 //! exchange no heartbeats: its position is uncertain by the distance that it flies in 0.4 s, and by more
 //! the longer it is silent. A stranger that has been silent for 10 s has left the cells around, or flown away.
 //!
-//! Most strangers are far away. Those that may come within reach soon are looked up every 0.5 s, and a frame
+//! All vehicles of a simulated team share the records of what they receive ([`StrangerRecords`]). Most strangers are far away:
+//! those that may come within reach soon are looked up when there is a new state, at least every 0.5 s, and a frame
 //! extrapolates only them.
+
+mod records;
 
 use alloc::vec::Vec;
 
 use serde::{Deserialize, Serialize};
 use skein_common::frame::{PositionNed, VelocityNed};
-use skein_common::id::FleetVehicle;
+use skein_common::id::{FleetVehicle, VehicleId};
 use skein_common::message::MessageOrder;
 use skein_common::time::LocalTime;
+
+use crate::skew::Skew;
+pub(crate) use records::ArrivalAt;
+pub use records::StrangerRecords;
 
 /// Largest delay of a stranger's state that its uncertainty covers, s.
 const UNKNOWN_DELAY_S: f64 = 0.4;
@@ -27,8 +34,10 @@ const FORGOTTEN_S: f64 = 10.0;
 
 /// Time between two searches for the strangers that may be within reach, s.
 const LOOK_UP_S: f64 = 0.5;
-/// Distance by which own vehicle and stranger may come nearer in that time, m: each flies less than 20 m/s.
-const SKIN_M: f64 = 2.0 * 20.0 * LOOK_UP_S;
+/// Speed below which every vehicle flies, m/s.
+const FASTEST_M_S: f64 = 20.0;
+/// Distance by which own vehicle and stranger may come nearer in that time, m.
+const SKIN_M: f64 = 2.0 * FASTEST_M_S * LOOK_UP_S;
 
 /// A state of a stranger as received.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,13 +54,15 @@ pub struct StrangerState {
     pub at: LocalTime,
 }
 
-/// The states of strangers that one step takes.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct StrangersReceived<'a> {
-    /// Those that the network impaired, each with its time of arrival by the own clock.
-    pub stamped: &'a [StrangerState],
-    /// Those that arrived since the last step; their [`StrangerState::at`] has no meaning.
-    pub now: &'a [StrangerState],
+/// The strangers that a vehicle knows in one step.
+#[derive(Clone, Copy, Debug)]
+pub struct KnownStrangers<'a> {
+    /// The states that the vehicles of its team have received.
+    pub records: &'a StrangerRecords,
+    /// The correct time, by which they have arrived.
+    pub right: LocalTime,
+    /// The vehicle's clock.
+    pub clock: Skew,
 }
 
 /// A stranger as the safety filter needs it.
@@ -68,19 +79,12 @@ pub struct MovingObstacle {
 }
 
 /// The strangers stage of one vehicle.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Strangers {
-    /// The strangers, in order.
-    ids: Vec<FleetVehicle>,
-    /// The newest state of each.
-    known: Vec<StrangerState>,
-    now: LocalTime,
-    /// The last search for strangers that may be within reach; `None` if it has to be repeated.
+    own: VehicleId,
+    /// The last search for strangers that may be within reach, and those that it found.
     search: Option<Search>,
-    /// Indices of the strangers that the search found.
-    found: Vec<usize>,
-    /// Number of states dropped because a newer one had been received.
-    old: u64,
+    found: Vec<FleetVehicle>,
 }
 
 /// Where and when strangers were searched.
@@ -89,6 +93,8 @@ struct Search {
     at: LocalTime,
     own: PositionNed,
     reach_m: f64,
+    /// Revision of the records that were searched.
+    revision: u64,
 }
 
 impl Search {
@@ -100,7 +106,26 @@ impl Search {
     }
 }
 
+impl KnownStrangers<'_> {
+    /// The newest state that this vehicle has of a stranger, with its time of arrival by the vehicle's clock.
+    fn newest(&self, id: FleetVehicle, own: VehicleId) -> Option<StrangerState> {
+        self.records.newest(id, own, self.right).map(|state| self.by_own_clock(state))
+    }
+
+    fn by_own_clock(&self, state: StrangerState) -> StrangerState {
+        StrangerState { at: self.clock.stamp(state.at), ..state }
+    }
+}
+
 impl StrangerState {
+    /// Distance from which it may still come within `reach_m` of a vehicle before that vehicle forgets it, m, if it arrives up
+    /// to `late_s` from now.
+    pub(crate) fn matters_within_m(&self, reach_m: f64, late_s: f64) -> f64 {
+        let forgotten = self.at_time(self.at.plus_seconds(FORGOTTEN_S));
+        let it_moves_m = (forgotten.position - self.position).xy().norm();
+        reach_m + forgotten.uncertainty_m + it_moves_m + FASTEST_M_S * (late_s + FORGOTTEN_S)
+    }
+
     /// The stranger at this time, by its last state.
     fn at_time(&self, now: LocalTime) -> MovingObstacle {
         let silent_s = now.seconds_since(self.at).max(0.0);
@@ -115,72 +140,46 @@ impl StrangerState {
 }
 
 impl Strangers {
-    /// Takes the states received since the last update.
-    pub fn update(&mut self, now: LocalTime, received: StrangersReceived<'_>) {
-        self.now = now;
-        received.stamped.iter().for_each(|state| self.take(state, state.at.min(now)));
-        received.now.iter().for_each(|state| self.take(state, now));
+    /// The strangers stage of vehicle `own`, which has searched for nobody yet.
+    pub fn new(own: VehicleId) -> Self {
+        Self { own, search: None, found: Vec::new() }
     }
 
-    fn take(&mut self, state: &StrangerState, at: LocalTime) {
-        match self.ids.binary_search(&state.id) {
-            Err(place) => {
-                self.ids.insert(place, state.id);
-                self.known.insert(place, StrangerState { at, ..*state });
-                self.search = None;
-            }
-            Ok(place) if self.known[place].order < state.order => {
-                let state = StrangerState { at, ..*state };
-                self.known[place] = state;
-                let is_new = |search: &Search| search.finds(&state) && !self.found.contains(&place);
-                self.search = self.search.filter(|search| !is_new(search));
-            }
-            Ok(_) => self.old += 1,
+    /// The strangers within `reach_m` of a position, horizontally, by team and id. `now` is the time by the own clock.
+    pub fn near(
+        &mut self,
+        now: LocalTime,
+        known: Option<KnownStrangers<'_>>,
+        (own, reach_m): (PositionNed, f64),
+    ) -> impl Iterator<Item = MovingObstacle> {
+        if let Some(known) = known {
+            self.look_up(now, &known, (own, reach_m));
         }
-    }
-
-    /// The strangers that may be within `reach_m` of a position, horizontally, by team and id.
-    pub fn near(&mut self, own: PositionNed, reach_m: f64) -> impl Iterator<Item = MovingObstacle> {
-        let is_valid = |search: Search| {
-            self.now.seconds_since(search.at) < LOOK_UP_S && search.reach_m >= reach_m && self.now >= search.at
-        };
-        if !self.search.is_some_and(is_valid) {
-            self.search(own, reach_m);
-        }
-        let strangers = self.found.iter().map(|&place| self.known[place].at_time(self.now));
-        strangers.filter(move |stranger| {
+        let Self { own: receiver, found, .. } = self;
+        let newest = move |id: &FleetVehicle| known.and_then(|known| known.newest(*id, *receiver));
+        let strangers = found.iter().filter_map(newest);
+        let is_known = move |state: &StrangerState| now.seconds_since(state.at) < FORGOTTEN_S;
+        strangers.filter(is_known).map(move |state| state.at_time(now)).filter(move |stranger| {
             let reach_m = reach_m + stranger.uncertainty_m;
             (stranger.position - own).xy().norm_squared() <= reach_m * reach_m
         })
     }
 
-    /// Searches for the strangers that may come within reach soon, and forgets those that have been silent for long.
-    fn search(&mut self, own: PositionNed, reach_m: f64) {
-        let search = Search { at: self.now, own, reach_m };
-        let is_known = |known: &StrangerState| search.at.seconds_since(known.at) < FORGOTTEN_S;
-        if !self.known.iter().all(is_known) {
-            self.known.retain(is_known);
-            self.ids.clear();
-            self.ids.extend(self.known.iter().map(|known| known.id));
+    /// Searches for the strangers that may come within reach soon, if the last search does not say who they are.
+    fn look_up(&mut self, now: LocalTime, known: &KnownStrangers<'_>, (own, reach_m): (PositionNed, f64)) {
+        let revision = known.records.revision();
+        let is_valid = |search: &Search| {
+            let is_new = now >= search.at && now.seconds_since(search.at) < LOOK_UP_S;
+            is_new && search.reach_m >= reach_m && search.revision == revision
+        };
+        if self.search.as_ref().is_some_and(is_valid) {
+            return;
         }
+        let search = Search { at: now, own, reach_m, revision };
+        let finds = |state| search.finds(&known.by_own_clock(state));
         self.found.clear();
-        self.found.extend((0..self.known.len()).filter(|&place| search.finds(&self.known[place])));
+        self.found.extend(known.records.with((self.own, known.right), finds));
         self.search = Some(search);
-    }
-
-    /// Number of strangers known.
-    pub fn len(&self) -> usize {
-        self.known.len()
-    }
-
-    /// Whether no stranger is known.
-    pub fn is_empty(&self) -> bool {
-        self.known.is_empty()
-    }
-
-    /// Number of states dropped because a newer one had been received.
-    pub fn old(&self) -> u64 {
-        self.old
     }
 }
 
@@ -193,6 +192,40 @@ mod tests {
 
     use super::*;
 
+    fn own() -> VehicleId {
+        VehicleId::new(1).unwrap()
+    }
+
+    /// A vehicle with the states that it has received.
+    struct Receiver {
+        strangers: Strangers,
+        records: StrangerRecords,
+    }
+
+    impl Receiver {
+        fn new() -> Self {
+            Self { strangers: Strangers::new(own()), records: StrangerRecords::default() }
+        }
+
+        fn receive(&mut self, received: &[StrangerState]) {
+            for state in received {
+                let arrival = ArrivalAt { at: state.at, receivers: [own()].into_iter().collect() };
+                self.records.add(state, state.at, &[arrival], true);
+            }
+        }
+
+        fn near(&mut self, now: LocalTime, own: PositionNed, reach_m: f64) -> Vec<MovingObstacle> {
+            let known = KnownStrangers { records: &self.records, right: now, clock: Skew::default() };
+            self.strangers.near(now, Some(known), (own, reach_m)).collect()
+        }
+
+        fn shown(&mut self, now_s: f64, reach_m: f64) -> Vec<(String, f64, f64)> {
+            let near = self.near(LocalTime::from_seconds(now_s), PositionNed::new(0.0, 0.0, -30.0), reach_m);
+            let shown = |it: &MovingObstacle| (alloc::format!("{}", it.id), it.position.north_m(), it.uncertainty_m);
+            near.iter().map(shown).collect()
+        }
+    }
+
     fn state(name: &str, sequence: u64, north_m: f64, at_s: f64) -> StrangerState {
         StrangerState {
             id: name.parse().unwrap(),
@@ -203,46 +236,36 @@ mod tests {
         }
     }
 
-    fn update(strangers: &mut Strangers, now_s: f64, received: &[StrangerState]) {
-        strangers.update(LocalTime::from_seconds(now_s), StrangersReceived { stamped: received, now: &[] });
-    }
-
-    fn near(strangers: &mut Strangers, reach_m: f64) -> Vec<(String, f64, f64)> {
-        let shown = |it: MovingObstacle| (alloc::format!("{}", it.id), it.position.north_m(), it.uncertainty_m);
-        strangers.near(PositionNed::new(0.0, 0.0, -30.0), reach_m).map(shown).collect()
-    }
-
     #[test]
     fn a_stranger_is_extrapolated_and_grows_uncertain_until_it_is_forgotten() {
-        let mut strangers = Strangers::default();
-        update(&mut strangers, 1.0, &[state("2/1", 5, 10.0, 1.0)]);
-        assert_eq!(near(&mut strangers, 100.0), [("2/1".into(), 10.0, 1.6)]);
-        update(&mut strangers, 3.0, &[]);
-        assert_eq!(near(&mut strangers, 100.0), [("2/1".into(), 18.0, 3.6)]);
-        update(&mut strangers, 11.5, &[]);
-        assert_eq!(near(&mut strangers, 100.0), []);
-        assert!(strangers.is_empty());
+        let mut receiver = Receiver::new();
+        receiver.receive(&[state("2/1", 5, 10.0, 1.0)]);
+        assert_eq!(receiver.shown(1.0, 100.0), [("2/1".into(), 10.0, 1.6)]);
+        assert_eq!(receiver.shown(3.0, 100.0), [("2/1".into(), 18.0, 3.6)]);
+        assert_eq!(receiver.shown(10.9, 100.0).len(), 1);
+        assert_eq!(receiver.shown(11.1, 100.0), []);
+        receiver.records.forget_silent(LocalTime::from_seconds(11.1));
+        assert_eq!(receiver.records.len(), 1);
+        receiver.records.forget_silent(LocalTime::from_seconds(21.1));
+        assert_eq!(receiver.records.len(), 0);
     }
 
     #[test]
     fn only_a_newer_state_replaces_the_last_one() {
-        let mut strangers = Strangers::default();
-        let received = [state("2/1", 5, 10.0, 1.0), state("2/1", 4, 90.0, 1.0), state("2/1", 5, 90.0, 1.0)];
-        update(&mut strangers, 1.0, &received);
-        assert_eq!((near(&mut strangers, 100.0)[0].1, strangers.old()), (10.0, 2));
+        let mut receiver = Receiver::new();
+        receiver.receive(&[state("2/1", 5, 10.0, 1.0), state("2/1", 4, 90.0, 1.0), state("2/1", 5, 90.0, 1.0)]);
+        assert_eq!(receiver.shown(1.0, 100.0)[0].1, 10.0);
         let restarted = MessageOrder { incarnation: Incarnation(2), sequence: 1 };
-        update(&mut strangers, 1.0, &[StrangerState { order: restarted, ..state("2/1", 0, 20.0, 1.0) }]);
-        assert_eq!(near(&mut strangers, 100.0)[0].1, 20.0);
+        receiver.receive(&[StrangerState { order: restarted, ..state("2/1", 0, 20.0, 1.0) }]);
+        assert_eq!(receiver.shown(1.0, 100.0)[0].1, 20.0);
     }
 
     #[test]
     fn only_those_that_may_be_within_reach_are_near() {
-        let mut strangers = Strangers::default();
-        let received = [state("9/3", 1, 60.0, 1.0), state("2/7", 1, -61.0, 1.0), state("2/4", 1, 62.0, 1.0)];
-        update(&mut strangers, 1.0, &received);
-        let names: Vec<_> = near(&mut strangers, 60.0).into_iter().map(|(name, ..)| name).collect();
+        let mut receiver = Receiver::new();
+        receiver.receive(&[state("9/3", 1, 60.0, 1.0), state("2/7", 1, -61.0, 1.0), state("2/4", 1, 62.0, 1.0)]);
+        let names: Vec<_> = receiver.shown(1.0, 60.0).into_iter().map(|(name, ..)| name).collect();
         assert_eq!(names, ["2/7", "9/3"], "61 m are within 60 m and its uncertainty of 1.6 m");
-        assert_eq!(strangers.len(), 3);
     }
 
     proptest! {
@@ -259,14 +282,13 @@ mod tests {
                 (frame, StrangerState { id, order, position, velocity, at: LocalTime::ZERO })
             }).collect();
             states.sort_by_key(|(frame, _)| *frame);
-            let (mut strangers, mut all) = (Strangers::default(), Vec::<StrangerState>::new());
+            let (mut receiver, mut all) = (Receiver::new(), Vec::<StrangerState>::new());
             for frame in 0..1500 {
                 let now = LocalTime::from_seconds(0.02 * f64::from(frame));
                 let own = PositionNed::new(own_m_s.0 * now.seconds(), own_m_s.1 * now.seconds(), -30.0);
                 let arrived = states.iter().filter(|(at, _)| *at == u64::from(frame as u32));
                 let received: Vec<_> = arrived.map(|(_, state)| StrangerState { at: now, ..*state }).collect();
-                let (half, rest) = received.split_at(received.len() / 2);
-                strangers.update(now, StrangersReceived { stamped: half, now: rest });
+                receiver.receive(&received);
                 for state in received {
                     let newer = |known: &StrangerState| known.id == state.id && known.order >= state.order;
                     if !all.iter().any(newer) {
@@ -274,14 +296,15 @@ mod tests {
                         all.push(state);
                     }
                 }
-                let found: Vec<_> = strangers.near(own, reach_m).collect();
-                let within = |state: &StrangerState| {
+                let found: Vec<_> = receiver.near(now, own, reach_m).iter().map(|stranger| stranger.id).collect();
+                let within = |state: &&StrangerState| {
                     let it = state.at_time(now);
-                    (it.position - own).xy().norm() <= reach_m + it.uncertainty_m
+                    now.seconds_since(state.at) < FORGOTTEN_S
+                        && (it.position - own).xy().norm_squared() <= skein_common::math::square(reach_m + it.uncertainty_m)
                 };
-                let silent_s = |state: &StrangerState| now.seconds_since(state.at);
-                let near_ones = |longest_s: f64| all.iter().filter(|it| silent_s(it) < longest_s && within(it)).count();
-                prop_assert!(found.len() >= near_ones(FORGOTTEN_S) && found.len() <= near_ones(FORGOTTEN_S + LOOK_UP_S));
+                let mut near: Vec<_> = all.iter().filter(within).map(|state| state.id).collect();
+                near.sort();
+                prop_assert_eq!(found, near);
             }
         }
     }

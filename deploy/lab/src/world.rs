@@ -20,7 +20,7 @@ use std::mem;
 use std::num::NonZeroUsize;
 
 use skein_common::frame::Origin;
-use skein_common::id::VehicleId;
+use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::{self, EventKind, Intent, Message, ShortText, Trace};
 use skein_common::scenario::{ControlMode, Scenario};
 use skein_common::state::Membership;
@@ -32,7 +32,7 @@ use skein_core::control::Rules;
 use skein_core::formation::external::{LawQuery, LawReply};
 use skein_core::formation::{self, UnsupportedScenario, Workspace};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
-use skein_core::impairments::SwarmNetwork;
+use skein_core::impairments::{StrangerNetwork, SwarmNetwork};
 use skein_core::intent::ReceivedIntent;
 use skein_core::outbox::Outbox;
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState, SharedRecords};
@@ -90,8 +90,8 @@ pub struct World {
     records: SharedRecords,
     /// The network between all vehicles, if it impairs messages and no vehicle needs impairments of its own.
     network: Option<Box<SwarmNetwork>>,
-    /// Groups of states of other teams that the agents receive in the next tick.
-    strangers: Vec<Vec<StrangerState>>,
+    /// The network from other teams, if the swarm is a team of a fleet.
+    strangers: Option<Box<StrangerNetwork>>,
     /// Intents that the agents have sent in the last tick.
     intents: Vec<Intent>,
     /// Messages to one vehicle, a restarted one, that were sent since the agents last received.
@@ -136,9 +136,8 @@ impl World {
         });
         let mut vehicles = vehicles.collect::<Result<Vec<_>, WorldError>>()?;
         let mut network = network.map(Box::new);
-        if let Some(network) = &mut network {
-            vehicles.iter_mut().for_each(|vehicle| vehicle.join(network));
-        }
+        let mut strangers = scenario.team.map(|_| Box::new(StrangerNetwork::new(scenario)));
+        vehicles.iter_mut().for_each(|vehicle| vehicle.join(network.as_deref_mut(), strangers.as_deref_mut()));
         Ok(Self {
             vehicles,
             blocks: vec![Blocks::default()],
@@ -149,7 +148,7 @@ impl World {
             arriving: Vec::new(),
             records: SharedRecords::new(scenario),
             network,
-            strangers: Vec::new(),
+            strangers,
             intents: Vec::new(),
             to_one: Vec::new(),
             operator: Operator::new(scenario),
@@ -211,7 +210,7 @@ impl World {
             Some(network) => Broadcast { inbox: Some(network.inbox()), ..Broadcast::default() },
             None => Broadcast { messages: arriving, records: Some(records), inbox: None },
         };
-        let arriving = Arriving { broadcast, strangers };
+        let arriving = Arriving { broadcast, strangers: strangers.as_deref() };
         let mut take = |vehicle: &mut Vehicle, outbox: Outbox, ask: Option<Box<LawQuery>>| {
             let id = vehicle.id;
             asks.extend(ask.map(|ask| *ask));
@@ -225,7 +224,7 @@ impl World {
             events.add(id, outbox.happened);
         };
         match &mut self.central {
-            Some(central) => central.frame(now, vehicles, &mut take),
+            Some(central) => central.frame(now, arriving.strangers, vehicles, &mut take),
             None => beside::frame(now, arriving, vehicles, &mut self.workspaces, &mut take),
         }
         for vehicle in vehicles.iter_mut() {
@@ -233,7 +232,6 @@ impl World {
             vehicle.moved_by = vehicle.pilot.map(Command::Controls).or(by_human);
         }
         self.arriving.clear();
-        self.strangers.clear();
         self.ticks += 1;
     }
 
@@ -244,23 +242,23 @@ impl World {
             .filter_map(|message| if let PeerMessage::State(state) = message { Some(state) } else { None })
     }
 
-    /// Hands states of other teams to the agents, which receive them in the next tick: `group_of` has each vehicle's place
-    /// in `groups`.
-    pub(crate) fn receive_strangers(&mut self, groups: Vec<Vec<StrangerState>>, group_of: &[usize]) {
-        self.strangers = groups;
-        self.vehicles.iter_mut().zip(group_of).for_each(|(vehicle, &group)| vehicle.strangers = group);
-    }
-
     /// The intents that the agents have sent in the last tick.
     pub(crate) fn intents(&self) -> &[Intent] {
         &self.intents
     }
 
-    /// Hands intents of other teams to the agent of the vehicle at this place, which receives them in the next tick.
-    pub(crate) fn receive_intents(&mut self, nth: usize, intents: Vec<ReceivedIntent>) {
-        if let Some(vehicle) = self.vehicles.get_mut(nth) {
-            vehicle.intents = intents;
-        }
+    /// Hands over states and intents of other teams with the vehicles that receive them, in the next tick at the earliest.
+    pub(crate) fn receive_strangers(
+        &mut self,
+        states: &[(StrangerState, VehicleSet)],
+        intents: &[(ReceivedIntent, VehicleSet)],
+    ) {
+        let (now, vehicles) = (self.now(), &self.vehicles);
+        let Some(strangers) = &mut self.strangers else { return };
+        let agents = vehicles.iter().filter_map(|vehicle| Some((vehicle.id, vehicle.agent()?)));
+        strangers.set_receivers(agents.map(|(id, agent)| (id, agent.position(), agent.strangers_reach_m())));
+        states.iter().for_each(|(state, receivers)| strangers.send(state, now, *receivers));
+        intents.iter().for_each(|(intent, receivers)| strangers.send_intent(intent, now, *receivers));
     }
 
     /// Ends the agent of this vehicle without a message, as by `kill -9`: its liveliness token vanishes in the next
@@ -385,10 +383,12 @@ impl World {
         }
         mem::swap(&mut self.in_flight, &mut self.arriving);
         let Self { vehicles, central, arriving, records, network, to_one, strangers, .. } = self;
+        if let Some(strangers) = strangers {
+            strangers.deliver(now);
+        }
         if let Some(network) = network {
             for vehicle in vehicles.iter_mut() {
                 vehicle.takes_broadcast = true;
-                vehicle.receive_strangers(now, strangers);
                 vehicle.station.iter_mut().for_each(Station::release_inbox);
             }
             network.set_positions(vehicles.iter().map(|vehicle| vehicle.agent().and_then(Agent::position)));
@@ -405,7 +405,6 @@ impl World {
             let to_all = if vehicle.takes_broadcast { &[] } else { arriving.as_slice() };
             let to_all = to_all.iter().filter(|message| message.sender() != Some(id));
             let to_it = to_one.iter().filter(|(receiver, _)| *receiver == id).map(|(_, message)| message);
-            vehicle.receive_strangers(now, strangers);
             if !vehicle.takes_broadcast || !to_one.is_empty() {
                 vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
             }
@@ -426,7 +425,7 @@ impl World {
                     ScriptedAction::Kill => self.end(index),
                     ScriptedAction::Restart => self.restart(index),
                     ScriptedAction::Fail(what) => self.pending_faults.push(InjectedFault::Failed(id, what)),
-                    ScriptedAction::Jump(by_s) => self.vehicles[index].clock_jumps(by_s),
+                    ScriptedAction::Jump(by_s) => self.vehicles[index].clock_jumps(now, by_s),
                     ScriptedAction::Link(change, sender) => changes.add(change, (sender, id)),
                 }
             }
@@ -469,6 +468,9 @@ impl World {
         if let Some(network) = &mut self.network {
             network.end(vehicle.id);
         }
+        if let Some(strangers) = &mut self.strangers {
+            strangers.end(vehicle.id);
+        }
         self.ended_totals = with_counts(self.ended_totals, station.agent());
         self.in_flight.push(PeerMessage::Vanished(vehicle.id));
         self.pending_faults.push(InjectedFault::Died(vehicle.id));
@@ -488,9 +490,7 @@ impl World {
         vehicle.station = Some(station);
         let restarted = vehicle.id;
         vehicle.takes_broadcast = self.network.is_some();
-        if let Some(network) = &mut self.network {
-            vehicle.join(network);
-        }
+        vehicle.join(self.network.as_deref_mut(), self.strangers.as_deref_mut());
         self.in_flight.push(PeerMessage::Appeared(restarted));
         for other in self.vehicles.iter().filter(|other| other.id != restarted && other.station.is_some()) {
             let messages = [Some(PeerMessage::Appeared(other.id)), other.heartbeat.map(PeerMessage::Mission)];

@@ -16,11 +16,13 @@ use skein_core::control::Rules;
 use skein_core::formation::Workspace;
 use skein_core::formation::external::{LawReply, ReplyCommand};
 use skein_core::formation::laws::built_in;
+use skein_core::impairments::StrangerNetwork;
 use skein_core::intent::ReceivedIntent;
 use skein_core::mission::agreement::{Agreement, AgreementState, OtherStates};
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Command, GroundTruth, Measurement, PlantStatus};
-use skein_core::strangers::{StrangerState, StrangersReceived};
+use skein_core::skew::Skew;
+use skein_core::strangers::{KnownStrangers, StrangerState};
 use skein_fuzz::explore;
 use skein_tests::SHIPPED;
 
@@ -64,6 +66,7 @@ fn scenario(sets: &[&str]) -> Scenario {
 #[derive(Clone)]
 struct Flight {
     agent: Agent,
+    strangers: StrangerNetwork,
     now: Now,
     workspace: Workspace,
 }
@@ -73,7 +76,9 @@ impl Flight {
         let scenario = scenario(sets);
         let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
         let agent = Agent::new(&scenario, id(1), Incarnation(7), &aircraft, Rules::shipped()).unwrap();
-        let mut flight = Self { agent, now: Now::default(), workspace: Workspace::default() };
+        let mut strangers = StrangerNetwork::new(&scenario);
+        strangers.begin(id(1));
+        let mut flight = Self { agent, strangers, now: Now::default(), workspace: Workspace::default() };
         let undisturbed = Step { measurement: Some(measurement()), local_s: 0.02, plant_s: 0.02, ..Step::default() };
         (0..JOINED).for_each(|_| flight.step(&undisturbed));
         assert_eq!(flight.agent.membership(), Membership::Active);
@@ -89,8 +94,13 @@ impl Flight {
             step.received.iter().map(|(message, early_s)| Received { message: *message, at: at(*early_s) }).collect();
         let arrived = |intent: &(ReceivedIntent, f64)| ReceivedIntent { at: at(intent.1), ..intent.0 };
         let intents: Vec<_> = step.intents.iter().map(arrived).collect();
-        let strangers = step.strangers.iter().map(|(state, early_s)| StrangerState { at: at(*early_s), ..*state });
-        let (stamped, just_now): (Vec<_>, Vec<_>) = strangers.partition(|state| state.at < at(0.5));
+        self.strangers.set_receivers([(id(1), self.agent.position(), self.agent.strangers_reach_m())].into_iter());
+        for (state, early_s) in &step.strangers {
+            let state = StrangerState { at: at(*early_s), ..*state };
+            self.strangers.send(&state, self.now.local, [id(1)].into_iter().collect());
+        }
+        self.strangers.deliver(self.now.local);
+        let (records, clock) = (self.strangers.records(), Skew::default());
         let status = PlantStatus { standstill: step.standstill, ..PlantStatus::NOTHING };
         let inputs = Inputs {
             did_not_run_s: step.did_not_run_s,
@@ -98,7 +108,7 @@ impl Flight {
             measurement: step.measurement.as_ref(),
             received: &received,
             broadcast: Broadcast::default(),
-            strangers: StrangersReceived { stamped: &stamped, now: &just_now },
+            strangers: Some(KnownStrangers { records, right: self.now.local, clock }),
             intents: &intents,
             leave: step.leave,
             answer: step.answer.as_ref(),

@@ -14,7 +14,6 @@ use skein_core::formation::laws::built_in;
 use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
 use skein_core::peers::Broadcast;
 use skein_core::plant::{Command, Measurement, PlantStatus};
-use skein_core::strangers::StrangersReceived;
 use skein_lab::metrics::{Report, Run};
 use skein_lab::recording::{Recording, Step};
 use skein_tests::{of_scenario, scenario};
@@ -131,7 +130,7 @@ fn a_vehicle_climbs_over_a_hill_on_its_path_and_returns_to_its_altitude() {
             measurement: Some(&measurement),
             received: &[],
             broadcast: Broadcast::default(),
-            strangers: StrangersReceived::default(),
+            strangers: None,
             intents: &[],
             leave: false,
             answer: None,

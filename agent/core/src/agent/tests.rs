@@ -68,7 +68,7 @@ impl Flight {
                 measurement,
                 received: &received,
                 broadcast: Broadcast::default(),
-                strangers: StrangersReceived::default(),
+                strangers: None,
                 intents: &[],
                 leave: false,
                 answer: None,

@@ -6,7 +6,6 @@
 
 mod flight;
 mod graph;
-mod numbers;
 mod places;
 mod sender;
 
@@ -23,12 +22,12 @@ use skein_common::time::LocalTime;
 use super::channel::{Channel, Direction, delivery, size_bytes};
 use super::channels::{Range, quality_of};
 use super::draw::{Draw, Draws, MessageKey};
+use super::numbers::{self, Numbers};
 use super::{Delivery, Impairments};
 use crate::peers::{Parcel, PeerMessage, SwarmInbox};
 use crate::skew::Skew;
 use flight::{Arrivals, Batch, Content, OnItsWay, received_twice};
 use graph::SwarmGraph;
-use numbers::Numbers;
 use places::Places;
 use sender::SwarmSender;
 
@@ -125,14 +124,7 @@ impl SwarmNetwork {
         let any = |has: fn(&Quality) -> bool| has(&everywhere) || qualities().any(has);
         let has_queues = any(|quality| quality.bandwidth_bit_s.is_some());
         let remembers = has_queues || any(|quality| quality.burst_s.is_some());
-        let has = [
-            (Draw::Loss, any(|quality| quality.loss > 0.0 && quality.burst_s.is_none())),
-            (Draw::Jitter, any(|quality| quality.jitter_s > 0.0)),
-            (Draw::Reorder, any(|quality| quality.reorder > 0.0)),
-            (Draw::Duplicate, any(|quality| quality.duplicate > 0.0)),
-            (Draw::Copy, any(|quality| quality.duplicate > 0.0 && quality.jitter_s > 0.0)),
-        ];
-        let needed: Vec<Draw> = has.into_iter().filter(|(_, needed)| *needed).map(|(what, _)| what).collect();
+        let needed = numbers::needed(any);
         let may_overtake = any(|quality| quality.jitter_s > 0.0 || quality.reorder > 0.0 || quality.duplicate > 0.0);
         if remembers {
             senders.iter_mut().for_each(|sender| sender.channels = vec![Channel::default(); count + 1]);

@@ -35,7 +35,7 @@ use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
 use skein_core::formation::Workspace;
 use skein_core::formation::external::LawQuery;
-use skein_core::impairments::{Impairments, ReceiverPosition};
+use skein_core::impairments::{Impairments, ReceiverPosition, StrangerNetwork};
 use skein_core::outbox::Outbox;
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Command, Measurement};
@@ -210,14 +210,19 @@ impl Central {
     }
 
     /// Steps one vehicle's agent in the frame that begins now. Returns the messages and the query that the agent sends.
-    fn step(&mut self, now: LocalTime, vehicle: &mut Vehicle) -> Option<(Outbox, Option<Box<LawQuery>>)> {
+    fn step(
+        &mut self,
+        now: LocalTime,
+        arriving: Arriving<'_>,
+        vehicle: &mut Vehicle,
+    ) -> Option<(Outbox, Option<Box<LawQuery>>)> {
         let rank = usize::from(vehicle.id.get());
         let link = self.links.get_mut(rank - 1)?;
         let newest = link.newest.take();
         link.plant_time = newest.map_or(link.plant_time, |(plant_time, _)| plant_time);
         let measurement = newest.as_ref().map(|(_, measurement)| measurement);
         let Outputs { command, outbox, ask } =
-            vehicle.step(now, (link.plant_time, measurement), Arriving::default(), &mut self.workspace)?;
+            vehicle.step(now, (link.plant_time, measurement), arriving, &mut self.workspace)?;
         if let Some(command) = command {
             let at = now.plus_seconds(self.step_s * rank as f64);
             let state = VehicleState { position: self.place, velocity: VelocityNed::default(), heading_rad: 0.0 };
@@ -279,10 +284,17 @@ impl Central {
     }
 
     /// Simulates the agents' part of one frame: one computer steps all agents, one after the other.
-    pub(super) fn frame(&mut self, now: LocalTime, vehicles: &mut [Vehicle], take: &mut TakeOutputs<'_>) {
+    pub(super) fn frame(
+        &mut self,
+        now: LocalTime,
+        strangers: Option<&StrangerNetwork>,
+        vehicles: &mut [Vehicle],
+        take: &mut TakeOutputs<'_>,
+    ) {
+        let arriving = Arriving { strangers, ..Arriving::default() };
         if self.read(now, vehicles) {
             for vehicle in vehicles.iter_mut() {
-                if let Some((outbox, ask)) = self.step(now, vehicle) {
+                if let Some((outbox, ask)) = self.step(now, arriving, vehicle) {
                     take(vehicle, outbox, ask);
                 }
             }

@@ -1,7 +1,6 @@
 //! One vehicle of a world: its helicopter, its failures, and the station with its agent.
 
 use std::collections::VecDeque;
-use std::mem;
 
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{EventKind, Heartbeat, ShortText, Trace};
@@ -14,24 +13,22 @@ use skein_core::control::Rules;
 use skein_core::formation::external::LawReply;
 use skein_core::formation::{UnsupportedScenario, Workspace};
 use skein_core::helicopter::Script;
-use skein_core::impairments::SwarmNetwork;
-use skein_core::intent::ReceivedIntent;
+use skein_core::impairments::{StrangerNetwork, SwarmNetwork};
 use skein_core::peers::{Broadcast, Received};
 use skein_core::pilot::SimulatedPilot;
 use skein_core::plant::{Command, Controls, Frame, GroundTruth, Measurement, PlantStatus};
 use skein_core::station::{Clocks, Entering, Station};
-use skein_core::strangers::StrangerState;
 
 use super::script::{self, ScriptedAction};
 use crate::faults::Schedule;
 
-/// The messages and states that the agents receive in a tick and may take in place.
+/// What the agents of all vehicles receive in a tick and take in place.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Arriving<'a> {
     /// The messages to all vehicles of the swarm.
     pub(super) broadcast: Broadcast<'a>,
-    /// Groups of states of other teams; each vehicle receives one group.
-    pub(super) strangers: &'a [Vec<StrangerState>],
+    /// The network from other teams.
+    pub(super) strangers: Option<&'a StrangerNetwork>,
 }
 
 /// One vehicle with its agent.
@@ -52,10 +49,6 @@ pub(super) struct Vehicle {
     pub(super) incarnation: Incarnation,
     /// Clocks while no station runs; a running station has its own.
     pub(super) clocks: Clocks,
-    /// The group of states of other teams that the agent receives in the next tick.
-    pub(super) strangers: usize,
-    /// Intents of other teams that the agent receives in the next tick.
-    pub(super) intents: Vec<ReceivedIntent>,
     /// Answer of the external law for the next step.
     pub(super) answer: Option<LawReply>,
     /// Why other things that the law sent were refused.
@@ -96,8 +89,6 @@ impl Vehicle {
             takes_broadcast: false,
             incarnation: Incarnation(1),
             clocks: Clocks::new(scenario, id),
-            strangers: 0,
-            intents: Vec::new(),
             answer: None,
             refusals: VecDeque::new(),
             heartbeat: None,
@@ -108,7 +99,7 @@ impl Vehicle {
             pilot: None,
             simulator_frozen: false,
         };
-        vehicle.clocks.jump(script::clock_begins_s(scenario, id));
+        vehicle.clocks.jump(LocalTime::ZERO, script::clock_begins_s(scenario, id));
         vehicle.station = Some(vehicle.new_station(scenario, rules)?);
         Ok(vehicle)
     }
@@ -117,11 +108,16 @@ impl Vehicle {
         Station::new(scenario, self.id, self.incarnation, (&self.aircraft, rules.clone()), self.clocks)
     }
 
-    /// Makes the agent receive its messages from the network of the whole swarm.
-    pub(super) fn join(&mut self, network: &mut SwarmNetwork) {
-        if let Some(station) = &mut self.station {
+    /// Makes the agent receive its messages from the networks of the whole swarm.
+    pub(super) fn join(&mut self, network: Option<&mut SwarmNetwork>, strangers: Option<&mut StrangerNetwork>) {
+        let Some(station) = &mut self.station else { return };
+        if let Some(network) = network {
             station.share_inbox();
             network.begin(self.id);
+        }
+        if let Some(strangers) = strangers {
+            station.share_strangers();
+            strangers.begin(self.id);
         }
     }
 
@@ -135,10 +131,10 @@ impl Vehicle {
         self.station.as_ref().map_or(&self.clocks, Station::clocks)
     }
 
-    pub(super) fn clock_jumps(&mut self, by_s: f64) {
+    pub(super) fn clock_jumps(&mut self, now: LocalTime, by_s: f64) {
         match &mut self.station {
-            Some(station) => station.clock_jumps(by_s),
-            None => self.clocks.jump(by_s),
+            Some(station) => station.clock_jumps(now, by_s),
+            None => self.clocks.jump(now, by_s),
         }
     }
 
@@ -151,18 +147,6 @@ impl Vehicle {
     pub(super) fn receive(&mut self, now: LocalTime, arriving: impl Iterator<Item = Received>) {
         if let Some(station) = &mut self.station {
             station.receive(now, arriving);
-        }
-    }
-
-    /// Hands the intents and states of other teams to the station, if the agent runs; the station applies the impairments.
-    /// States that it takes in place are left out.
-    pub(super) fn receive_strangers(&mut self, now: LocalTime, groups: &[Vec<StrangerState>]) {
-        let intents = mem::take(&mut self.intents);
-        let Some(station) = &mut self.station else { return };
-        station.receive_intents(now, intents);
-        if !station.receives_strangers_at_once() {
-            let states = groups.get(self.strangers).into_iter().flatten();
-            station.receive_strangers(now, states.copied());
         }
     }
 
@@ -188,10 +172,9 @@ impl Vehicle {
         let status = PlantStatus { controls: self.moved_by.and_then(Command::controls), ..PlantStatus::NOTHING };
         let (answer, refusal) = (self.answer.take(), self.refusals.pop_front());
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
-        let group = arriving.strangers.get(self.strangers).filter(|_| station.receives_strangers_at_once());
-        let strangers = group.map_or(&[][..], Vec::as_slice);
         let answer = answer.as_ref();
-        let entering = Entering { broadcast, strangers, answer, ..Entering::of_plant(now, plant, &status) };
+        let entering =
+            Entering { broadcast, strangers: arriving.strangers, answer, ..Entering::of_plant(now, plant, &status) };
         let mut outputs = station.step(&entering, workspace);
         outputs.outbox.happened.extend(refusal.map(EventKind::LawAnswerRefused));
         Some(outputs)

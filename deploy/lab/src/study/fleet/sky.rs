@@ -6,7 +6,7 @@
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use skein_common::frame::{Geodetic, Origin, VelocityNed};
-use skein_common::id::{FleetVehicle, TeamId};
+use skein_common::id::{FleetVehicle, TeamId, VehicleId, VehicleSet};
 use skein_common::message::{Intent, MessageOrder};
 use skein_common::time::LocalTime;
 use skein_common::topic::Cell;
@@ -61,18 +61,35 @@ impl Sent {
     }
 }
 
-/// The messages of other teams that the vehicles with the same cells receive in a round.
+/// The messages of other teams that the vehicles of a team receive in a round.
 #[derive(Debug, Default)]
+pub(super) struct FromOthers {
+    /// Each state with its receivers.
+    pub(super) states: Vec<(StrangerState, VehicleSet)>,
+    /// Each intent with the receivers that need it: a vehicle that waits for no area needs none.
+    pub(super) intents: Vec<(ReceivedIntent, VehicleSet)>,
+    /// The counts of the vehicles with the same cells.
+    groups: Vec<Group>,
+    /// The group of each vehicle.
+    group_of: Vec<usize>,
+}
+
+/// The counts of what the vehicles with the same cells receive in a round.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Group {
-    pub(super) states: Vec<StrangerState>,
-    /// Size of the messages with these states, bytes.
-    pub(super) bytes: u64,
-    /// Number of intents that are received, and their size, bytes.
-    pub(super) intents_sent: (u64, u64),
-    /// The intents that the vehicles need; a vehicle that waits for no area needs none.
-    pub(super) intents: Vec<ReceivedIntent>,
+    /// Number of states, and their size, bytes.
+    pub(super) states: (u64, u64),
+    /// Number of intents, and their size, bytes.
+    pub(super) intents: (u64, u64),
     /// Whether a vehicle is in each of the nine cells around.
     pub(super) is_surrounded: bool,
+}
+
+impl FromOthers {
+    /// The counts of each vehicle, in order.
+    pub(super) fn counts(&self) -> impl Iterator<Item = &Group> {
+        self.group_of.iter().filter_map(|&group| self.groups.get(group))
+    }
 }
 
 impl Sky {
@@ -93,50 +110,58 @@ impl Sky {
         }
     }
 
-    /// The groups of a team whose vehicles have these cells, and the group of each vehicle. `origin` is that of the
-    /// team's frame.
-    pub(super) fn received(&self, origin: &Origin, homes: &[Homes], own: TeamId) -> (Vec<Group>, Vec<usize>) {
-        let mut distinct: Vec<Homes> = Vec::new();
-        let mut group_of = Vec::with_capacity(homes.len());
-        for homes in homes {
-            let known = distinct.iter().position(|known| known == homes);
-            group_of.push(known.unwrap_or(distinct.len()));
-            if known.is_none() {
-                distinct.push(*homes);
-            }
+    /// What a team receives whose vehicles have these cells. `origin` is that of the team's frame.
+    pub(super) fn received(&self, origin: &Origin, homes: &[Homes], own: TeamId) -> FromOthers {
+        let mut distinct: Vec<(&Homes, VehicleSet)> = Vec::new();
+        let mut received = FromOthers::default();
+        for (homes, id) in homes.iter().zip(VehicleId::first(homes.len())) {
+            let known = distinct.iter().position(|(known, _)| *known == homes);
+            let group = known.unwrap_or_else(|| {
+                distinct.push((homes, VehicleSet::default()));
+                distinct.len() - 1
+            });
+            distinct[group].1.insert(id);
+            received.group_of.push(group);
         }
-        let cells: Vec<Vec<Cell>> = distinct.iter().map(Homes::cells).collect();
-        let group = |(homes, cells): (&Homes, &Vec<Cell>)| {
-            let sent = || cells.iter().flat_map(|cell| self.intents.get(cell).into_iter().flatten());
-            let others = || sent().filter(|(team, ..)| *team != own);
-            let size = |intent: &Intent| skein_common::message::encoded_len(intent) as u64;
-            let needed = others().filter(|_| homes.wanted.is_some());
-            Group {
-                intents_sent: others().fold((0, 0), |(count, bytes), (_, intent, _)| (count + 1, bytes + size(intent))),
-                intents: needed.map(|(team, intent, at)| ReceivedIntent::new(*team, intent, origin, *at)).collect(),
-                is_surrounded: homes.here.with_neighbours().all(|cell| self.occupied.contains(&cell)),
-                ..Group::default()
-            }
-        };
-        let mut groups: Vec<Group> = distinct.iter().zip(&cells).map(group).collect();
-        // A state is converted once, whatever the number of groups that receive it.
+        let cells: Vec<Vec<Cell>> = distinct.iter().map(|(homes, _)| homes.cells()).collect();
+        received.groups.extend(distinct.iter().map(|(homes, _)| Group {
+            is_surrounded: homes.here.with_neighbours().all(|cell| self.occupied.contains(&cell)),
+            ..Group::default()
+        }));
+        // A message is converted once, whatever the number of groups that receive it.
         let all: BTreeSet<Cell> = cells.iter().flatten().copied().collect();
         for cell in all {
-            let receiving: Vec<usize> =
-                (0..distinct.len()).filter(|&group| cells[group].binary_search(&cell).is_ok()).collect();
-            for sent in self.cells.get(&cell).into_iter().flatten().filter(|sent| sent.id.team != own) {
-                let InAir { id, order, position, velocity, at, bytes } = *sent;
+            let receiving = || (0..distinct.len()).filter(|&group| cells[group].binary_search(&cell).is_ok());
+            let union = |all: VehicleSet, group: usize| all.either(distinct[group].1);
+            let receivers = receiving().fold(VehicleSet::default(), union);
+            let waiting = receiving().filter(|&group| distinct[group].0.wanted.is_some());
+            let waiting = waiting.fold(VehicleSet::default(), union);
+            for &InAir { id, order, position, velocity, at, bytes } in self.states_in(cell, own) {
                 let (position, convergence) = origin.locate(&position);
                 let velocity = convergence.velocity_from_local(velocity);
-                let state = StrangerState { id, order, position, velocity, at };
-                for &group in &receiving {
-                    groups[group].states.push(state);
-                    groups[group].bytes += u64::from(bytes);
+                received.states.push((StrangerState { id, order, position, velocity, at }, receivers));
+                receiving().for_each(|group| add(&mut received.groups[group].states, bytes.into()));
+            }
+            for (team, intent, at) in self.intents.get(&cell).into_iter().flatten().filter(|(team, ..)| *team != own) {
+                let bytes = skein_common::message::encoded_len(intent) as u64;
+                receiving().for_each(|group| add(&mut received.groups[group].intents, bytes));
+                if !waiting.is_empty() {
+                    received.intents.push((ReceivedIntent::new(*team, intent, origin, *at), waiting));
                 }
             }
         }
-        (groups, group_of)
+        received
     }
+
+    /// The states of other teams in a cell.
+    fn states_in(&self, cell: Cell, own: TeamId) -> impl Iterator<Item = &InAir> {
+        self.cells.get(&cell).into_iter().flatten().filter(move |sent| sent.id.team != own)
+    }
+}
+
+/// Counts one message of this size.
+fn add(counts: &mut (u64, u64), bytes: u64) {
+    *counts = (counts.0 + 1, counts.1 + bytes);
 }
 
 #[cfg(test)]
@@ -168,18 +193,21 @@ mod tests {
         let mut second = sent(vec![in_air("2/1", 1990.0), in_air("2/2", 3100.0)]);
         let mut sky = Sky::default();
         sky.exchange([&mut first, &mut second].into_iter(), [].into_iter());
-        let (groups, group_of) = sky.received(&map, &[0, 2].map(|x| at_home(Cell { x, y: 0 })), id("1/1").team);
-        let names = |nth: usize| -> Vec<String> {
-            groups[group_of[nth]].states.iter().map(|state| state.id.to_string()).collect()
+        let received = sky.received(&map, &[0, 2].map(|x| at_home(Cell { x, y: 0 })), id("1/1").team);
+        let names = |vehicle: &str| -> Vec<String> {
+            let vehicle = vehicle.parse().unwrap();
+            let its = received.states.iter().filter(|(_, receivers)| receivers.contains(vehicle));
+            its.map(|(state, _)| state.id.to_string()).collect()
         };
-        assert_eq!(names(0), ["2/1"], "1,990 m is in the next cell, 3,100 m beyond it");
-        assert_eq!(names(1), ["2/1", "2/2"]);
-        assert!((groups[0].states[0].position.north_m() - 1990.0).abs() < 1e-3, "{:?}", groups[0]);
-        let sizes: Vec<_> = groups.iter().map(|group| (group.bytes, group.is_surrounded)).collect();
-        assert_eq!(sizes, [(70, false), (140, false)]);
+        assert_eq!(names("1"), ["2/1"], "1,990 m is in the next cell, 3,100 m beyond it");
+        assert_eq!(names("2"), ["2/1", "2/2"]);
+        let (nearest, _) = received.states[0];
+        assert!((nearest.position.north_m() - 1990.0).abs() < 1e-3, "{nearest:?}");
+        let counts: Vec<_> = received.counts().map(|group| (group.states, group.is_surrounded)).collect();
+        assert_eq!(counts, [((1, 70), false), ((2, 140), false)]);
         sky.exchange([&mut first, &mut second].into_iter(), [].into_iter());
         assert!(
-            sky.received(&map, &[at_home(Cell { x: 0, y: 0 })], TeamId::FIRST).0[0].states.is_empty(),
+            sky.received(&map, &[at_home(Cell { x: 0, y: 0 })], TeamId::FIRST).states.is_empty(),
             "a round is received once"
         );
     }
@@ -198,8 +226,8 @@ mod tests {
         };
         let mut sent = sent((-1..=1).flat_map(|x| (-1..=1).map(move |y| (x, y))).map(|(x, y)| state(x, y)).collect());
         sky.exchange([&mut sent].into_iter(), (-1..=1).flat_map(|x| (-1..=1).map(move |y| Cell { x, y })));
-        let (groups, group_of) = sky.received(&map, &[0, 1, 0].map(|x| at_home(Cell { x, y: 0 })), TeamId::FIRST);
-        let received: Vec<_> = groups.iter().map(|group| (group.is_surrounded, group.states.len())).collect();
-        assert_eq!((group_of, received), (vec![0, 1, 0], vec![(true, 9), (false, 6)]));
+        let received = sky.received(&map, &[0, 1, 0].map(|x| at_home(Cell { x, y: 0 })), TeamId::FIRST);
+        let counts: Vec<_> = received.counts().map(|group| (group.is_surrounded, group.states.0)).collect();
+        assert_eq!(counts, [(true, 9), (false, 6), (true, 9)]);
     }
 }

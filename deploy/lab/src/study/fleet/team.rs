@@ -138,24 +138,18 @@ impl Team {
         if self.is_isolated(false) {
             return;
         }
-        let (groups, group_of) = sky.received(&self.origin, &self.homes, self.id);
-        for (nth, &group) in group_of.iter().enumerate() {
-            let Group { states, bytes, intents_sent, intents, is_surrounded } = &groups[group];
-            let states = states.len() as u64;
-            self.received.states += states;
-            if let Some((all, all_bytes)) = self.from_others.get_mut(nth) {
-                (*all, *all_bytes) = (*all + states + intents_sent.0, *all_bytes + bytes + intents_sent.1);
-            }
+        let from_others = sky.received(&self.origin, &self.homes, self.id);
+        for (Group { states, intents, is_surrounded }, (all, all_bytes)) in
+            from_others.counts().zip(&mut self.from_others)
+        {
+            self.received.states += states.0;
+            (*all, *all_bytes) = (*all + states.0 + intents.0, *all_bytes + states.1 + intents.1);
             if *is_surrounded {
                 let (rounds, all, all_bytes) = &mut self.received.surrounded;
-                (*rounds, *all, *all_bytes) = (*rounds + 1, *all + states, *all_bytes + bytes);
-            }
-            if !intents.is_empty() {
-                self.flight.world.receive_intents(nth, intents.clone());
+                (*rounds, *all, *all_bytes) = (*rounds + 1, *all + states.0, *all_bytes + states.1);
             }
         }
-        let states = groups.into_iter().map(|group| group.states).collect();
-        self.flight.world.receive_strangers(states, &group_of);
+        self.flight.world.receive_strangers(&from_others.states, &from_others.intents);
     }
 
     /// Flies one frame and measures it. `fleet` is the origin of the cells, `zero_s` the beginning of the window.

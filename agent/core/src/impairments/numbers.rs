@@ -1,11 +1,12 @@
-//! The random numbers of one message at all receivers of a swarm.
+//! The random numbers of one message at all its receivers.
 
 use alloc::vec;
 use alloc::vec::Vec;
 
 use skein_common::id::{VehicleId, VehicleSet};
+use skein_common::scenario::Quality;
 
-use super::super::draw::{AllDraws, Draw, MessageKey, share};
+use super::draw::{AllDraws, Draw, MessageKey, share};
 
 /// The random numbers of one message at all receivers, by what they decide.
 #[derive(Clone, Debug)]
@@ -14,6 +15,18 @@ pub(super) struct Numbers {
     /// The decisions that any link needs.
     needed: Vec<Draw>,
     columns: [Vec<u32>; Draw::COUNT],
+}
+
+/// The decisions about a message that links need: `any` is whether one of them has a setting.
+pub(super) fn needed(any: impl Fn(fn(&Quality) -> bool) -> bool) -> Vec<Draw> {
+    let has = [
+        (Draw::Loss, any(|quality| quality.loss > 0.0 && quality.burst_s.is_none())),
+        (Draw::Jitter, any(|quality| quality.jitter_s > 0.0)),
+        (Draw::Reorder, any(|quality| quality.reorder > 0.0)),
+        (Draw::Duplicate, any(|quality| quality.duplicate > 0.0)),
+        (Draw::Copy, any(|quality| quality.duplicate > 0.0 && quality.jitter_s > 0.0)),
+    ];
+    has.into_iter().filter(|(_, is_needed)| *is_needed).map(|(what, _)| what).collect()
 }
 
 impl Numbers {
