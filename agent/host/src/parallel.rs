@@ -1,10 +1,22 @@
 //! Runs independent tasks on several threads.
 
+use std::env;
 use std::num::NonZeroUsize;
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
+
+/// The number of cores that this process may use: those of its affinity, within the quota of its control group, and no more than
+/// Slurm has given its task.
+pub fn cores() -> NonZeroUsize {
+    let available = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    within_task(available, env::var("SLURM_CPUS_PER_TASK").ok().as_deref())
+}
+
+fn within_task(available: NonZeroUsize, of_task: Option<&str>) -> NonZeroUsize {
+    of_task.and_then(|cores| cores.parse().ok()).map_or(available, |cores| available.min(cores))
+}
 
 /// Runs `work` for 0 to `count` - 1, `jobs` at a time, and returns the results in order.
 ///
@@ -86,6 +98,16 @@ mod tests {
     use super::*;
 
     const THREE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(2);
+
+    #[test]
+    fn a_task_of_slurm_takes_no_more_cores_than_it_was_given() {
+        let two = NonZeroUsize::MIN.saturating_add(1);
+        for (of_task, cores) in
+            [(None, THREE), (Some("2"), two), (Some("64"), THREE), (Some("0"), THREE), (Some(""), THREE)]
+        {
+            assert_eq!(within_task(THREE, of_task), cores, "{of_task:?}");
+        }
+    }
 
     #[test]
     fn results_come_in_the_order_of_tasks() {

@@ -39,7 +39,7 @@ pub(crate) struct Wanted {
     sweeps: Vec<String>,
     points: Option<usize>,
     jobs: Option<usize>,
-    threads: usize,
+    threads: Option<usize>,
     /// The folder of the results.
     out: PathBuf,
     is_recorded: bool,
@@ -129,7 +129,7 @@ fn args(py: Python<'_>, wanted: &Wanted) -> PyResult<StudyArgs> {
         points: wanted.points,
         jobs: wanted.jobs.and_then(NonZeroUsize::new),
         law_timeout: None,
-        threads: NonZeroUsize::new(wanted.threads).unwrap_or(NonZeroUsize::MIN),
+        threads: wanted.threads.and_then(NonZeroUsize::new),
         out: Some(wanted.out.clone()),
         no_record: !wanted.is_recorded,
         all: false,

@@ -137,7 +137,7 @@ def test_wrong_sweeps(sweep, parts):
 @pytest.mark.parametrize("argument", ["jobs", "threads", "points"])
 @pytest.mark.parametrize("value", WRONG_COUNTS, ids=repr)
 def test_wrong_counts_of_a_study(argument, value):
-    if value is None and argument != "threads":
+    if value is None:
         return
     sweep = {"network.loss": "0..0.5"} if argument == "points" else None
     refused(lambda: skein.study("hover", set=SHORT, sweep=sweep, **{argument: value}), f"{argument}=", "whole number of 1")

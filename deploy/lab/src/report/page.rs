@@ -1,14 +1,12 @@
 //! A self-contained HTML page with text, tables and figures.
 
 use std::fs;
-use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::thread;
 
 use super::figure::{Drawing, escaped};
 use crate::error::Error;
 use crate::out;
-use skein_host::parallel::in_parallel;
+use skein_host::parallel::{cores, in_parallel};
 
 /// Length of a cell above which its column counts as text and is aligned to the left, characters.
 const LONG: usize = 28;
@@ -195,7 +193,7 @@ fn shown(figure: &Drawing, name: &str, svg: &str) -> String {
 
 /// Writes the PNG files on all cores, because their compression takes longer than everything else in a report.
 fn write_pngs(figures: &[(PathBuf, &Drawing)]) -> Result<(), Error> {
-    let jobs = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+    let jobs = cores();
     let write = |nth: usize| figures[nth].1.write_png(&figures[nth].0);
     in_parallel(figures.len(), jobs, write).map(drop)
 }

@@ -3,12 +3,11 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::thread;
 
 use skein_common::scenario::{Layer, Loaded, Preset};
+use skein_host::parallel::cores;
 
 use super::page::{Page, Part, Section};
 use super::{flight_parts, stem, tables, verdict};
@@ -125,8 +124,7 @@ fn parameters<'a>(all: impl Iterator<Item = &'a Loaded> + Clone) -> Part {
 
 /// Flies the scenario over many seeds and makes a table of its figures.
 fn measured(study: &Study) -> Result<Part, crate::study::StudyError> {
-    let jobs = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    let summary = summarize(&study.fly_all(SEEDS, jobs, |_| {})?);
+    let summary = summarize(&study.fly_all(SEEDS, cores(), |_| {})?);
     let caption = format!("Figures over {} seeds.", SEEDS.end - SEEDS.start);
     Ok(tables::of_runs(caption, &summary, SHOWN.into_iter()))
 }

@@ -41,9 +41,10 @@ pub struct StudyArgs {
     /// Runs at once; without it one for each core, or for each --threads cores. The results do not depend on it
     #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true)]
     pub jobs: Option<NonZeroUsize>,
-    /// Threads that step each run: for one run of many vehicles. The results do not depend on it
-    #[arg(long, value_name = "N", default_value_t = NonZeroUsize::MIN, value_parser = at_least_one)]
-    pub threads: NonZeroUsize,
+    /// Threads that step each run; without it a fleet takes the cores that no other run uses. The results do not depend
+    /// on it
+    #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true)]
+    pub threads: Option<NonZeroUsize>,
     /// How long an external law may send nothing, seconds of wall clock, or none: a law with a breakpoint does not end the
     /// study. Without it 10
     #[arg(long, value_name = "S|none", value_parser = law_timeout)]

@@ -76,8 +76,8 @@ pub struct Plan {
     pub out: PathBuf,
     /// Runs at once, if limited by the operator.
     pub jobs: Option<NonZeroUsize>,
-    /// Threads that step each run.
-    pub(super) threads: NonZeroUsize,
+    /// Threads that step each run, if the operator has said how many.
+    pub(super) threads: Option<NonZeroUsize>,
     /// Whether it has the points of a sweep.
     pub(super) is_swept: bool,
     /// Whether the scenario is a fleet of teams.
@@ -138,7 +138,7 @@ impl Plan {
             seeds,
             out: PathBuf::new(),
             jobs: None,
-            threads: NonZeroUsize::MIN,
+            threads: None,
             is_swept: false,
             is_fleet: false,
             is_live: false,

@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::num::NonZeroUsize;
-use std::thread;
 
 use super::flight::fly_side_by_side;
 use super::plan::{Plan, UNRECORDED};
@@ -13,7 +12,7 @@ use crate::metrics::Measured;
 use crate::out::write;
 use crate::record::FLEET_FILE;
 use crate::terminal::json;
-use skein_host::parallel::in_parallel;
+use skein_host::parallel::{cores, in_parallel};
 
 /// Shows how far a study is.
 pub trait Progress: Sync {
@@ -39,8 +38,8 @@ pub struct FlownStudy {
 /// # Errors
 /// A run that failed; those that were done are written.
 pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> Result<FlownStudy, Error> {
-    let cores = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    let jobs = plan.jobs.unwrap_or(NonZeroUsize::new(cores.get() / plan.threads).unwrap_or(NonZeroUsize::MIN));
+    let of_cores = |threads: NonZeroUsize| NonZeroUsize::new(cores().get() / threads).unwrap_or(NonZeroUsize::MIN);
+    let jobs = plan.jobs.unwrap_or_else(|| of_cores(plan.threads.unwrap_or(NonZeroUsize::MIN)));
     let (runs, recorded) = fly(plan, jobs, is_recorded, progress)?;
     // As long as this file is there, the study is not finished.
     let unrecorded = plan.out.join(UNRECORDED);
@@ -86,7 +85,8 @@ fn fly(
     let left: Vec<usize> = (0..there.len()).filter(|&nth| there[nth].is_none()).collect();
     progress.begin(there.len(), there.len() - left.len());
     let flown = if plan.is_fleet {
-        let fly = |nth: usize| plan.run(left[nth]).fly_fleet(is_recorded).inspect(|_| progress.inc());
+        let idle = NonZeroUsize::new(cores().get() / left.len().clamp(1, jobs.get())).unwrap_or(NonZeroUsize::MIN);
+        let fly = |nth: usize| plan.run(left[nth]).fly_fleet(idle, is_recorded).inspect(|_| progress.inc());
         let (flown, each): (Vec<_>, Vec<_>) = in_parallel(left.len(), jobs, fly)?.into_iter().unzip();
         recorded = each.into_iter().collect();
         flown

@@ -242,7 +242,7 @@ def study(
     law: Optional[Type[Law]] = None,
     parameters: Optional[Mapping[str, Any]] = None,
     jobs: Optional[int] = None,
-    threads: int = 1,
+    threads: Optional[int] = None,
     out: Union[str, "os.PathLike[str]", None] = None,
     record: Optional[bool] = None,
     parquet: bool = False,
@@ -269,8 +269,9 @@ def study(
         The parameters of that law, ``formation.external.parameters``.
     jobs : int, optional
         Runs at once; without it one for each core. The results do not depend on it.
-    threads : int
-        Threads that step each run, for one run of many vehicles. The results do not depend on it.
+    threads : int, optional
+        Threads that step each run; without it a fleet takes the cores that no other run uses. The results do not depend
+        on it.
     out : path, optional
         Folder for the results, new or empty, or that of the same study, interrupted: it resumes there. Without it the
         files lie in a temporary folder that goes with the returned object; :meth:`Study.save` keeps them.
@@ -306,7 +307,7 @@ def study(
         "sweeps": sweeps(sweep),
         "points": None if points is None else _check.count("points", points, most=_MOST_SEEDS),
         "jobs": None if jobs is None else _check.count("jobs", jobs, most=_check.MOST_THREADS),
-        "threads": _check.count("threads", threads, most=_check.MOST_THREADS),
+        "threads": None if threads is None else _check.count("threads", threads, most=_check.MOST_THREADS),
         "is_recorded": out is not None if record is None else _check.flag("record", record),
     }
     if _check.flag("parquet", parquet):

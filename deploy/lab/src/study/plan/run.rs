@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 use std::fs;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -77,18 +78,22 @@ impl PlannedRun<'_> {
         self.only().map(|(study, files)| (study, files.scenario))
     }
 
-    /// Flies the run of a fleet and writes its files. It is recorded while it flies, because a fleet's recording is
-    /// small. Beside its figures: whether it was recorded as far as it should be.
+    /// Flies the run of a fleet, which may use so many `idle` cores, and writes its files. It is recorded while it flies, because
+    /// a fleet's recording is small. Beside its figures: whether it was recorded as far as it should be.
     ///
     /// # Errors
     /// The reason, with the name of the run.
-    pub(in crate::study) fn fly_fleet(&self, is_recorded: bool) -> Result<(Measured, Result<(), Error>), Error> {
+    pub(in crate::study) fn fly_fleet(
+        &self,
+        idle: NonZeroUsize,
+        is_recorded: bool,
+    ) -> Result<(Measured, Result<(), Error>), Error> {
         self.remove_unfinished();
         let (teams, files) = self.ready()?;
         let (study, folder) = (FleetStudy { teams }, self.folder());
         let recording = FleetRecording { folder: &folder, scenario_toml: &files.scenario, teams_toml: &files.teams };
         let is_recorded = is_recorded && study.teams.iter().any(|team| team.scenario.record.runs != RecordRuns::None);
-        let flown = study.fly(self.plan.threads, is_recorded.then_some(&recording));
+        let flown = study.fly(self.plan.threads.unwrap_or(idle), is_recorded.then_some(&recording));
         let (report, recorded) = flown.map_err(|error| self.failed(error))?;
         drop(study);
         write(&folder.join("teams.csv"), report.teams_csv())?;
@@ -124,7 +129,8 @@ impl PlannedRun<'_> {
         self.remove_unfinished();
         let (study, files) = self.only()?;
         let mut flight = SeedFlight::new(&study, self.seed).map_err(|error| self.failed(error))?;
-        flight.world.set_threads(self.plan.threads);
+        // The frame of a swarm is so short that a second thread gains nothing.
+        flight.world.set_threads(self.plan.threads.unwrap_or(NonZeroUsize::MIN));
         flight.stop = self.plan.host.stop.clone();
         Ok((files, flight))
     }
