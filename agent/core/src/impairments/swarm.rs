@@ -74,7 +74,7 @@ struct Sent<'a> {
     now: LocalTime,
     from: VehicleId,
     message: &'a PeerMessage,
-    what: Content,
+    parcel: Parcel,
 }
 
 /// The receivers of a message by distance.
@@ -225,11 +225,11 @@ impl SwarmNetwork {
                 }
                 receivers = self.graph.receivers(from, receivers);
                 let parcel = inbox.put_state(state, now);
-                self.send_parcel(&Sent { now, from, message, what: Content::Parcel(parcel) }, receivers);
+                self.send_parcel(&Sent { now, from, message, parcel }, receivers);
             }
             PeerMessage::Mission(heartbeat) => {
                 let parcel = inbox.put_heartbeat(heartbeat, now);
-                self.send_parcel(&Sent { now, from, message, what: Content::Parcel(parcel) }, receivers);
+                self.send_parcel(&Sent { now, from, message, parcel }, receivers);
             }
             PeerMessage::Order(_) => {}
         }
@@ -252,7 +252,7 @@ impl SwarmNetwork {
         if receivers.is_empty() {
             return;
         }
-        let &Sent { now, from, what, .. } = sent;
+        let &Sent { now, from, parcel, .. } = sent;
         let mut through = receivers;
         for (id, share) in &reach.fading {
             if self.numbers.of(Draw::Distance, *id) < *share {
@@ -273,12 +273,14 @@ impl SwarmNetwork {
         }
         self.serial += 1;
         let at = now.plus_seconds(self.everywhere.delay_s);
-        self.put_in_flight(OnItsWay { serial: self.serial, what, receivers: through, at: Arrivals::Alike(at) }, at);
+        let (what, arrivals) = (Content::Parcel(parcel), Arrivals::Alike(at));
+        self.put_in_flight(OnItsWay { serial: self.serial, what, receivers: through, at: arrivals }, at);
     }
 
     /// Sends a message to receivers that it reaches at different times.
     fn send_to_each(&mut self, sent: &Sent<'_>, receivers: VehicleSet, reach: &Reach) {
-        let &Sent { now, from, message, what } = sent;
+        let &Sent { now, from, message, parcel } = sent;
+        let what = Content::Parcel(parcel);
         let Self { senders, everywhere, draws, numbers, batch, serial, .. } = self;
         let SwarmSender { particular, with_particular, channels, .. } = &mut senders[nth(from)];
         *serial += 2;
@@ -295,9 +297,9 @@ impl SwarmNetwork {
             let chance = |what| numbers.of(what, id);
             let fate = delivery(quality, chance, sent_at, is_in_burst, reach.lost_share(id));
             let Delivery::Arrives { at, copy_at } = fate else { continue };
-            batch.add((serial, what), id, at);
+            batch.add((serial, &what), id, at);
             if let Some(copy_at) = copy_at {
-                batch.add((copy_serial, what), id, copy_at);
+                batch.add((copy_serial, &what), id, copy_at);
             }
         }
         self.put_batch();
@@ -325,16 +327,17 @@ impl SwarmNetwork {
 
     fn send_token(&mut self, now: LocalTime, (of, is_there): (VehicleId, bool), receivers: VehicleSet) {
         self.serial += 1;
-        let sender = &self.senders[nth(of)];
+        let (sender, what) = (&self.senders[nth(of)], Content::Token(of, is_there));
         for id in receivers.iter() {
             let delay_s = quality_of(id, &sender.particular, &self.everywhere).delay_s;
-            self.batch.add((self.serial, Content::Token(of, is_there)), id, now.plus_seconds(delay_s));
+            self.batch.add((self.serial, &what), id, now.plus_seconds(delay_s));
         }
         self.put_batch();
     }
 
     fn send_order(&mut self, now: LocalTime, message: &PeerMessage, receivers: VehicleSet) {
         let PeerMessage::Order(order) = message else { return };
+        let what = Content::Order(Arc::new(*order));
         self.serial += 2;
         for id in receivers.iter() {
             let Receiver { operator, orders, .. } = &mut self.receivers[nth(id)];
@@ -343,9 +346,9 @@ impl SwarmNetwork {
             let direction = Direction { sender: 0, receiver: id, quality: &self.everywhere };
             let fate = operator.fate(&self.draws, &direction, (&key, || size_bytes(message)), now, 0.0);
             let Delivery::Arrives { at, copy_at } = fate else { continue };
-            self.batch.add((self.serial - 1, Content::Order(*order)), id, at);
+            self.batch.add((self.serial - 1, &what), id, at);
             if let Some(copy_at) = copy_at {
-                self.batch.add((self.serial, Content::Order(*order)), id, copy_at);
+                self.batch.add((self.serial, &what), id, copy_at);
             }
         }
         self.put_batch();
@@ -387,8 +390,8 @@ impl SwarmNetwork {
         let twice = if self.may_overtake { received_twice(&due, inbox, self.receivers.len()) } else { Vec::new() };
         let mut in_turn: Vec<(VehicleId, LocalTime, u64, Parcel)> = Vec::new();
         for message in &due {
-            let OnItsWay { serial, what, mut receivers, .. } = *message;
-            match what {
+            let OnItsWay { serial, ref what, mut receivers, .. } = *message;
+            match *what {
                 Content::Parcel(parcel) => {
                     inbox.expect(parcel, -1);
                     inbox.note_delay(parcel, message.last_at());
@@ -412,8 +415,8 @@ impl SwarmNetwork {
                 Content::Token(of, is_there) => {
                     receivers.iter().for_each(|id| inbox.deliver_token((of, is_there), id, serial, message.at(id)));
                 }
-                Content::Order(order) => {
-                    receivers.iter().for_each(|id| inbox.deliver_order(order, id, serial, message.at(id)));
+                Content::Order(ref order) => {
+                    receivers.iter().for_each(|id| inbox.deliver_order(**order, id, serial, message.at(id)));
                 }
             }
         }

@@ -1,5 +1,6 @@
 //! Messages of a swarm on their way, each with its receivers and their times.
 
+use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
 
@@ -18,11 +19,12 @@ pub(super) struct OnItsWay {
     pub(super) at: Arrivals,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) enum Content {
     Parcel(Parcel),
     Token(VehicleId, bool),
-    Order(Order),
+    /// Shared, because it is much larger than the others and seldom sent.
+    Order(Arc<Order>),
 }
 
 #[derive(Clone, Debug)]
@@ -75,7 +77,7 @@ impl Batch {
     }
 
     /// Adds a receiver of the delivery with this number; the receivers of one delivery follow each other in the order of ids.
-    pub(super) fn add(&mut self, (serial, what): (u64, Content), receiver: VehicleId, at: LocalTime) {
+    pub(super) fn add(&mut self, (serial, what): (u64, &Content), receiver: VehicleId, at: LocalTime) {
         let (frame_ns, at_ns) = (self.frame_ns, at.nanoseconds());
         let is_due = |end_ns: u64| at_ns <= end_ns && end_ns < at_ns + frame_ns;
         let begun = self.due.iter_mut().find(|(message, end_ns)| message.serial == serial && is_due(*end_ns));
@@ -88,7 +90,10 @@ impl Batch {
                 let mut all = self.spare.pop().unwrap_or_default();
                 all.push(at);
                 let (receivers, at) = ([receiver].into_iter().collect(), Arrivals::Each(all));
-                self.due.push((OnItsWay { serial, what, receivers, at }, at_ns.div_ceil(frame_ns) * frame_ns));
+                self.due.push((
+                    OnItsWay { serial, what: what.clone(), receivers, at },
+                    at_ns.div_ceil(frame_ns) * frame_ns,
+                ));
             }
         }
     }
