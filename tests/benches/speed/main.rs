@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`virtual_time`] | flights in virtual time: processor time, memory, the cost of a study |
 //! | [`networks`] | flights in virtual time over imperfect networks, against a perfect one |
+//! | [`fleets`] | fleets in virtual time, over the network that they ship with and over a perfect one |
 //! | [`stages`] | the stages of a vehicle's frame, by replaying what a [`swarm`] recorded |
 //! | [`live`] | agents in real time over Zenoh |
 //! | [`page`] | what the page of `skein view` costs the agents that it shows, and its own server |
@@ -13,6 +14,7 @@
 
 #![expect(clippy::expect_used, reason = "a bench that cannot measure has failed")]
 
+mod fleets;
 #[cfg(target_os = "linux")]
 mod live;
 mod networks;
@@ -90,10 +92,17 @@ fn main() {
         virtual_time::fly_once(vehicles.parse().expect("a number of vehicles"), sets);
         return;
     }
+    if let [command, sets @ ..] = arguments.as_slice()
+        && command == fleets::FLY_FLEET_ONCE
+    {
+        fleets::fly_once(sets);
+        return;
+    }
     let is_wanted = |part: &str| arguments.is_empty() || arguments.iter().any(|argument| argument == part);
     if is_wanted("virtual") {
         virtual_time::print();
         networks::print();
+        fleets::print();
         stages::print();
     }
     #[cfg(target_os = "linux")]

@@ -126,6 +126,11 @@ fn step_world(study: &Study) {
 /// Flies the study of one ring with these keys and prints the peak resident memory of this process, kB.
 pub(super) fn fly_once(vehicles: usize, sets: &[String]) {
     hover_in_one_ring(vehicles, sets).fly(SEED).expect("the hover flies");
+    print_peak_kb();
+}
+
+/// Prints the peak resident memory of this process, kB.
+pub(super) fn print_peak_kb() {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
     println!("{}", peak.unwrap_or("NaN"));
@@ -133,9 +138,14 @@ pub(super) fn fly_once(vehicles: usize, sets: &[String]) {
 
 /// Peak resident memory of a process that flies one ring with these keys, kB; NaN where the system does not report it.
 pub(super) fn peak_memory_kb(vehicles: usize, sets: &[String]) -> f64 {
+    let arguments: Vec<String> = [vehicles.to_string()].into_iter().chain(sets.iter().cloned()).collect();
+    peak_kb_of(FLY_ONCE, &arguments)
+}
+
+/// Peak resident memory of this program with these arguments, kB; NaN where the system does not report it.
+pub(super) fn peak_kb_of(command: &str, arguments: &[String]) -> f64 {
     let bench = env::current_exe().expect("the bench that runs");
-    let output =
-        Command::new(bench).args([FLY_ONCE, &vehicles.to_string()]).args(sets).output().expect("the bench starts");
+    let output = Command::new(bench).arg(command).args(arguments).output().expect("the bench starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8_lossy(&output.stdout).trim().parse().expect("a number of kB")
 }
