@@ -116,7 +116,12 @@ test("a recording plays, faster, and from another place", () => withSwarm({ sour
   const box = await page.locator("#time-bar").boundingBox();
   await page.mouse.click(box.x + box.width / 2, box.y + box.height / 2);
   await until("seek", async () => Math.abs(plays().at(-1).at_s - 200) < 2);
-  await until("place", async () => /^03:(19|20)/.test(await textOf(page, "#time")));
+  // The bar may have moved by some pixels between the two lines: what counts is that the place asked for is shown.
+  const { at_s } = plays().at(-1);
+  await until(`place ${at_s} s`, async () => {
+    const [minutes, seconds] = (await textOf(page, "#time")).split(":").map(Number.parseFloat);
+    return Math.abs(60 * minutes + seconds - at_s) <= 1;
+  });
 }));
 
 test("the page reports a lost server, reconnects and keeps what it has seen", async () => {
