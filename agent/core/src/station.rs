@@ -93,7 +93,7 @@ pub struct Entering<'a> {
     pub leave: bool,
     /// Messages to all vehicles of the swarm.
     pub broadcast: Broadcast<'a>,
-    /// The network from other teams to all vehicles of this one; `None` if there is none, or the station has its own.
+    /// The network from other teams to all vehicles of this one; `None` without a fleet, or if the station has its own.
     pub strangers: Option<&'a StrangerNetwork>,
     /// Reply of an external law to the last query.
     pub answer: Option<&'a LawReply>,

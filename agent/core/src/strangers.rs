@@ -140,7 +140,7 @@ impl StrangerState {
 }
 
 impl Strangers {
-    /// The strangers stage of vehicle `own`, which has searched for nobody yet.
+    /// The strangers stage of vehicle `own`, before its first search.
     pub fn new(own: VehicleId) -> Self {
         Self { own, search: None, found: Vec::new() }
     }

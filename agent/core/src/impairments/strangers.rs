@@ -24,7 +24,7 @@ use crate::strangers::{ArrivalAt, StrangerRecords, StrangerState};
 
 /// The network from other teams to the vehicles of one team.
 ///
-/// Most strangers are so far away that they are no obstacle for anybody: their states need no fate, and they are not kept.
+/// Most strangers are so far away that they are no obstacle for any vehicle: their states need no fate, and they are not kept.
 #[derive(Clone, Debug)]
 pub struct StrangerNetwork {
     /// The settings of the channels, which have no bandwidth: the strangers share no link.

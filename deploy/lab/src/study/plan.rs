@@ -76,7 +76,7 @@ pub struct Plan {
     pub out: PathBuf,
     /// Runs at once, if limited by the operator.
     pub jobs: Option<NonZeroUsize>,
-    /// Threads that step each run, if the operator has said how many.
+    /// Threads that step each run, if the operator has given their number.
     pub(super) threads: Option<NonZeroUsize>,
     /// Whether it has the points of a sweep.
     pub(super) is_swept: bool,

@@ -22,7 +22,7 @@ use skein_core::station::{Clocks, Entering, Station};
 use super::script::{self, ScriptedAction};
 use crate::faults::Schedule;
 
-/// What the agents of all vehicles receive in a tick and take in place.
+/// The messages that the agents of all vehicles receive in a tick and take in place.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Arriving<'a> {
     /// The messages to all vehicles of the swarm.

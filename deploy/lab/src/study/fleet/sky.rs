@@ -110,7 +110,7 @@ impl Sky {
         }
     }
 
-    /// What a team receives whose vehicles have these cells. `origin` is that of the team's frame.
+    /// The messages of other teams that a team receives whose vehicles have these cells. `origin` is that of the team's frame.
     pub(super) fn received(&self, origin: &Origin, homes: &[Homes], own: TeamId) -> FromOthers {
         let mut distinct: Vec<(&Homes, VehicleSet)> = Vec::new();
         let mut received = FromOthers::default();
