@@ -160,7 +160,7 @@ pub struct Station {
     received: Vec<Received>,
     /// The network from other teams to this vehicle; `None` without a fleet, or if all vehicles of the team share one.
     strangers: Option<Box<StrangerNetwork>>,
-    /// Buffer for the intents of other teams in a step, stamped alike.
+    /// Intents of other teams received since the last step, stamped alike.
     intents: Vec<ReceivedIntent>,
 }
 
@@ -225,6 +225,13 @@ impl Station {
         states.iter().for_each(|state| network.send(state, right, receivers));
         intents.iter().for_each(|intent| network.send_intent(intent, right, receivers));
         network.deliver(right);
+        self.intents.extend(stamped_intents(network, *own, self.clocks));
+    }
+
+    /// Takes the intents of other teams that the last delivery of this network has brought to the vehicle. They are kept for the
+    /// next step, which need not follow in the same frame: a busy central controller leaves frames out.
+    pub fn take_intents(&mut self, network: &StrangerNetwork) {
+        self.intents.extend(stamped_intents(network, self.own, self.clocks));
     }
 
     /// Whether the network delivers every message to this vehicle at once, so that it need not be kept in flight:
@@ -247,8 +254,6 @@ impl Station {
         };
         let (network, clock) = (entering.strangers.or(self.strangers.as_deref()), self.clocks.skew);
         let strangers = network.map(|network| KnownStrangers { records: network.records(), right, clock });
-        let arrived = network.into_iter().flat_map(|network| network.intents(self.own));
-        self.intents.extend(arrived.map(|intent| ReceivedIntent { at: clock.stamp(intent.at), ..*intent }));
         let (received, intents) = (&*self.received, &*self.intents);
         let inputs =
             Inputs { did_not_run_s, status, measurement, received, broadcast, strangers, intents, leave, answer };
@@ -316,11 +321,19 @@ impl Station {
     }
 }
 
+/// The intents that the last delivery of this network has brought to a vehicle, each with its time of arrival by these clocks.
+fn stamped_intents(network: &StrangerNetwork, own: VehicleId, clocks: Clocks) -> impl Iterator<Item = ReceivedIntent> {
+    network.intents(own).map(move |intent| ReceivedIntent { at: clocks.local_time(intent.at), ..*intent })
+}
+
 #[cfg(test)]
 mod tests {
+    use skein_common::frame::PositionNed;
+    use skein_common::message::MessageOrder;
     use skein_common::scenario::{Source, load};
 
     use super::*;
+    use crate::intent::{Area, Intent};
 
     fn clocks(keys: &str) -> Clocks {
         let text = alloc::format!("swarm.vehicles = 2\n{keys}");
@@ -349,5 +362,30 @@ mod tests {
         clocks.jump(right, -2.0);
         assert_eq!(local_time(&clocks), 115_000_000_000);
         assert_eq!(clocks.flown_s(right), None, "a clock jump does not change the flight time");
+    }
+
+    #[test]
+    fn intents_of_other_teams_wait_for_the_next_step() {
+        let scenario = load(&Source { name: "test.toml", text: "swarm.vehicles = 2" }, &[]).unwrap().scenario;
+        let (own, aircraft) = (VehicleId::new(1).unwrap(), Aircraft::shipped("xcell60").unwrap().unwrap());
+        let mut station =
+            Station::new(&scenario, own, Incarnation(1), (&aircraft, Rules::shipped()), clocks("")).unwrap();
+        let mut network = StrangerNetwork::new(&scenario);
+        network.begin(own);
+        let occupied = Area { centre: PositionNed::new(0.0, 0.0, -30.0), radius_m: 50.0 };
+        let intent = Intent { occupied, wanted: None };
+        let mut deliver = |sequence: u64, at_s: f64, is_sent: bool| {
+            let (order, at) = (MessageOrder { incarnation: Incarnation(1), sequence }, LocalTime::from_seconds(at_s));
+            let sent = ReceivedIntent { id: "2/1".parse().unwrap(), order, intent, at };
+            if is_sent {
+                network.send_intent(&sent, at, [own].into_iter().collect());
+            }
+            network.deliver(at);
+            station.take_intents(&network);
+            station.intents.iter().map(|intent| intent.order.sequence).collect::<Vec<_>>()
+        };
+        assert_eq!(deliver(1, 1.0, true), [1]);
+        assert_eq!(deliver(2, 1.02, true), [1, 2], "no step has taken the first one");
+        assert_eq!(deliver(3, 1.04, false), [1, 2]);
     }
 }

@@ -385,6 +385,8 @@ impl World {
         let Self { vehicles, central, arriving, records, network, to_one, strangers, .. } = self;
         if let Some(strangers) = strangers {
             strangers.deliver(now);
+            let stations = vehicles.iter_mut().filter_map(|vehicle| vehicle.station.as_mut());
+            stations.for_each(|station| station.take_intents(strangers));
         }
         if let Some(network) = network {
             for vehicle in vehicles.iter_mut() {
