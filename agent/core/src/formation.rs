@@ -49,7 +49,7 @@ use crate::estimate::Estimate;
 use crate::mission::{self, Task};
 use crate::peers::{FRESH_S, MAX_OBSTACLE_RADIUS_M, PeerEstimate, PeerSummary, Role};
 use crate::setpoint::{Setpoint, VELOCITY_PER_ERROR_PER_S};
-use crate::strangers::MovingObstacle;
+use crate::strangers::{self, MovingObstacle};
 use airspace::Airspace;
 use conversion::Conversion;
 use external::{External, LawQuery};
@@ -62,10 +62,6 @@ pub use ring::of as ring;
 
 /// Largest commanded speed relative to the centre, m/s: the speed for a displacement of 15 m or more.
 const FASTEST_M_S: f64 = 7.5;
-/// Speed up to which strangers are cleared in time, m/s.
-const STRANGERS_M_S: f64 = 20.0;
-/// Fastest movement of a centre, m/s: the limit of `mission.speed_m_s`.
-const FASTEST_CENTRE_M_S: f64 = 20.0;
 /// Speed above which an obstacle of known velocity counts as moving, m/s: one that hovers or lands does not.
 const MOVES_ABOVE_M_S: f64 = 1.0;
 /// Vertical distance beyond which an obstacle is ignored, m.
@@ -136,6 +132,8 @@ pub struct Formation {
     filter: Option<SafetyFilter>,
     /// `None` if nothing limits it.
     airspace: Option<Airspace>,
+    /// Largest speed of a centre on its path in the mission, m/s.
+    fastest_centre_m_s: f64,
     heights: Heights,
     /// The mission step that was last flown, counted from 0.
     step: usize,
@@ -230,6 +228,7 @@ impl Formation {
             airspace: (!scenario.airspace.is_unlimited()).then(|| Airspace::new(&scenario.airspace)),
             shapes,
             steps,
+            fastest_centre_m_s: scenario.mission.steps.iter().map(|step| step.speed_m_s).fold(0.0, f64::max),
             heights: Heights::default(),
             step: 0,
             waits_at_ne_m: None,
@@ -301,13 +300,13 @@ impl Formation {
             Task::Formation(goal) => goal.centre_velocity_ne_m_s.norm(),
         };
         // A vehicle that ensures the whole rate alone has twice the rate: half the speed at the same distance.
-        let closing_m_s = FASTEST_M_S + feedforward_m_s + STRANGERS_M_S;
+        let closing_m_s = FASTEST_M_S + feedforward_m_s + strangers::FASTEST_M_S;
         self.filter.map_or(0.0, |filter| filter.reach_m(closing_m_s / 2.0, filter.distance_m))
     }
 
     /// Distance beyond which no stranger affects the output in any step of the mission, m.
     pub fn longest_strangers_reach_m(&self) -> f64 {
-        let closing_m_s = FASTEST_M_S + FASTEST_CENTRE_M_S + STRANGERS_M_S;
+        let closing_m_s = FASTEST_M_S + self.fastest_centre_m_s + strangers::FASTEST_M_S;
         let filters = self.shapes.iter().filter_map(|shape| shape.filter).chain(self.filter);
         filters.map(|filter| filter.reach_m(closing_m_s / 2.0, filter.distance_m)).fold(0.0, f64::max)
     }

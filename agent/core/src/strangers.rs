@@ -34,8 +34,8 @@ const FORGOTTEN_S: f64 = 10.0;
 
 /// Time between two searches for the strangers that may be within reach, s.
 const LOOK_UP_S: f64 = 0.5;
-/// Speed below which every vehicle flies, m/s.
-const FASTEST_M_S: f64 = 20.0;
+/// Speed up to which strangers are cleared in time, and below which every vehicle flies, m/s.
+pub(crate) const FASTEST_M_S: f64 = 20.0;
 /// Distance by which own vehicle and stranger may come nearer in that time, m.
 const SKIN_M: f64 = 2.0 * FASTEST_M_S * LOOK_UP_S;
 
@@ -165,7 +165,7 @@ impl Strangers {
         })
     }
 
-    /// Searches for the strangers that may come within reach soon, if the last search does not say who they are.
+    /// Searches for the strangers that may come within reach soon. A search counts for 0.5 s, or until there is a new state.
     fn look_up(&mut self, now: LocalTime, known: &KnownStrangers<'_>, (own, reach_m): (PositionNed, f64)) {
         let revision = known.records.revision();
         let is_valid = |search: &Search| {
