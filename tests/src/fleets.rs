@@ -54,7 +54,8 @@ pub fn table(seeds: u64) -> String {
     for (name, change) in cases() {
         let text = file(&change);
         let flown = in_parallel(0..seeds, |seed| {
-            let (report, _) = fleet(&text, seed).fly(NonZeroUsize::MIN, None).expect("a fleet that flies");
+            let (report, _) =
+                fleet(&text, &[format!("seed={seed}")]).fly(NonZeroUsize::MIN, None).expect("a fleet that flies");
             let measured = Measured::of(&report);
             ["collisions", "setpoints_reached", "across_separation_m"]
                 .map(|key| measured.value(key).unwrap_or(f64::NAN))

@@ -31,7 +31,6 @@ pub mod wire;
 pub mod world;
 
 use std::convert::Infallible;
-use std::num::NonZeroUsize;
 use std::ops::Range;
 
 use skein_common::id::VehicleId;
@@ -86,12 +85,12 @@ pub fn of_scenario(scenario: Scenario) -> Study {
     }
 }
 
-/// A study of a fleet's file with this seed, and the shipped aircraft and rules.
+/// A study of a fleet's file with these keys set, and the shipped aircraft and rules.
 ///
 /// # Panics
 /// If the text does not describe a fleet.
-pub fn fleet(text: &str, seed: u64) -> FleetStudy {
-    let described = load_any(&Source { name: "fleet.toml", text }, &[format!("seed={seed}")]).expect("a valid fleet");
+pub fn fleet(text: &str, sets: &[String]) -> FleetStudy {
+    let described = load_any(&Source { name: "fleet.toml", text }, sets).expect("a valid fleet");
     let teams = described.all().iter().map(|team| of_scenario(team.scenario.clone())).collect();
     FleetStudy { teams }
 }
@@ -106,10 +105,10 @@ pub fn airborne_pairs(world: &World) -> Vec<(VehicleId, VehicleId, f64)> {
 
 /// The results of `fly` for each seed, in the order of the seeds; one thread for each core.
 pub fn in_parallel<T: Send>(seeds: Range<u64>, fly: impl Fn(u64) -> T + Sync) -> Vec<T> {
-    let jobs = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
     let count = (seeds.end - seeds.start) as usize;
-    let Ok(flown) =
-        skein_host::parallel::in_parallel(count, jobs, |nth| Ok::<_, Infallible>(fly(seeds.start + nth as u64)));
+    let Ok(flown) = skein_host::parallel::in_parallel(count, skein_host::parallel::cores(), |nth| {
+        Ok::<_, Infallible>(fly(seeds.start + nth as u64))
+    });
     flown
 }
 

@@ -2,18 +2,15 @@
 
 use std::num::NonZeroUsize;
 
-use skein_common::scenario::{Source, load_any};
-use skein_lab::study::FleetStudy;
-use skein_tests::of_scenario;
+use skein_tests::fleet;
 
 use crate::virtual_time::{SEED, peak_kb_of, print_peak_kb};
 use crate::{print_table, processor_time_s, row};
 
 /// Argument with which the bench starts itself, to measure the memory of one flight in a process of its own.
 pub(super) const FLY_FLEET_ONCE: &str = "fly-fleet-once";
-/// Numbers of teams of sixteen.
+/// Numbers of teams.
 const TEAMS: [usize; 2] = [64, 608];
-const OF_TEAM: usize = 16;
 /// How long the flights last, s.
 const FLIGHT_S: f64 = 20.0;
 /// The networks, the perfect one first: name and keys.
@@ -25,13 +22,12 @@ fn keys(teams: usize, network: &[&str]) -> Vec<String> {
     of_size.into_iter().chain(network.iter().map(|&key| key.to_owned())).collect()
 }
 
-/// Flies `fleet.toml` with these keys, in one thread and without a recording.
-fn fly(sets: &[String]) {
-    let text = include_str!("../../../deploy/scenarios/fleet.toml");
-    let described = load_any(&Source { name: "fleet.toml", text }, sets).expect("a valid fleet");
-    let teams = described.all().iter().map(|team| of_scenario(team.scenario.clone())).collect();
-    let (_, recorded) = FleetStudy { teams }.fly(NonZeroUsize::MIN, None).expect("the fleet flies");
+/// Flies `fleet.toml` with these keys, in one thread and without a recording; the number of vehicles.
+fn fly(sets: &[String]) -> usize {
+    let study = fleet(include_str!("../../../deploy/scenarios/fleet.toml"), sets);
+    let (_, recorded) = study.fly(NonZeroUsize::MIN, None).expect("the fleet flies");
     recorded.expect("nothing is recorded");
+    study.teams.iter().map(|team| team.scenario.swarm.vehicles).sum()
 }
 
 /// Flies with these keys and prints the peak resident memory of this process, kB.
@@ -42,20 +38,19 @@ pub(super) fn fly_once(sets: &[String]) {
 
 /// Prints the table.
 pub(super) fn print() {
-    println!("Fleets: {FLIGHT_S} s of fleet.toml, teams of {OF_TEAM}, one thread, processor time.\n");
+    println!("Fleets: {FLIGHT_S} s of fleet.toml, one thread, processor time.\n");
     let mut rows = vec![row(["", "vehicles", "vehicle-s per CPU-s", "times perfect", "kB per vehicle"])];
     for teams in TEAMS {
         eprintln!("a fleet of {teams} teams");
-        let vehicles = (OF_TEAM * teams) as f64;
-        let times_s = NETWORKS.map(|(_, network)| processor_time_s(|| fly(&keys(teams, network))).0);
-        for ((name, network), time_s) in NETWORKS.into_iter().zip(times_s) {
+        let flown = NETWORKS.map(|(_, network)| processor_time_s(|| fly(&keys(teams, network))));
+        for ((name, network), (time_s, vehicles)) in NETWORKS.into_iter().zip(flown) {
             let memory_kb = peak_kb_of(FLY_FLEET_ONCE, &keys(teams, network));
             rows.push(vec![
                 name.to_owned(),
                 vehicles.to_string(),
-                format!("{:.0}", vehicles * FLIGHT_S / time_s),
-                format!("{:.2}", time_s / times_s[0]),
-                format!("{:.1}", memory_kb / vehicles),
+                format!("{:.0}", vehicles as f64 * FLIGHT_S / time_s),
+                format!("{:.2}", time_s / flown[0].0),
+                format!("{:.1}", memory_kb / vehicles as f64),
             ]);
         }
     }

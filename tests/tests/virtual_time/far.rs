@@ -163,7 +163,7 @@ const WIDE: &str = "name = 'wide'\nduration_s = 420\n[fleet]\nteams = 2\npattern
 #[test]
 fn teams_of_a_fleet_50_km_wide_meet_at_one_height_and_take_turns() {
     let flown = |text: &str| {
-        let measured = Measured::of(&fleet(text, 3).fly(NonZeroUsize::MIN, None).unwrap().0);
+        let measured = Measured::of(&fleet(text, &["seed=3".to_owned()]).fly(NonZeroUsize::MIN, None).unwrap().0);
         move |key: &str| measured.figures[key].unwrap()
     };
     let wide = flown(WIDE);
