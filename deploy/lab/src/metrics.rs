@@ -147,7 +147,7 @@ pub struct Metrics {
     /// Number of mission steps that are not a landing.
     places: usize,
     /// The mission step that is a landing.
-    landing: Option<u32>,
+    landing: Option<usize>,
     t_s: f64,
     /// Earliest time of the next observation of the formation, s.
     next_formation_s: f64,
@@ -232,10 +232,7 @@ impl Metrics {
             written: Box::new(without_vehicles(scenario)),
             tuned: Vec::new(),
             places: steps.iter().filter(|step| !matches!(step.target, Target::Land(_))).count(),
-            landing: steps
-                .iter()
-                .zip(0..)
-                .find_map(|(step, nth)| matches!(step.target, Target::Land(_)).then_some(nth)),
+            landing: steps.iter().position(|step| matches!(step.target, Target::Land(_))),
             t_s: 0.0,
             next_formation_s: 0.0,
             formation_s: 0.0,
@@ -438,12 +435,11 @@ impl Metrics {
     /// Whether a live member is at the mission's landing or, where none is left, another vehicle. A swarm that lands leaves its
     /// formation, however settled it was.
     fn lands(&self, vehicles: &[VehicleNow]) -> bool {
-        let is_at_landing = |vehicle: &VehicleNow| vehicle.runs && Some(vehicle.step) == self.landing;
-        let lands = match self.members.as_slice() {
+        let is_at_landing = |vehicle: &VehicleNow| vehicle.runs && Some(vehicle.step as usize) == self.landing;
+        match self.members.as_slice() {
             [] => vehicles.iter().any(is_at_landing),
             members => members.iter().any(|&nth| is_at_landing(&vehicles[nth])),
-        };
-        self.landing.is_some() && lands
+        }
     }
 
     /// Updates the settling figures, unless the swarm `lands`, with the conditions that hold now: whether all are at their

@@ -38,8 +38,7 @@ pub struct FlownStudy {
 /// # Errors
 /// A run that failed; those that were done are written.
 pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> Result<FlownStudy, Error> {
-    let of_cores = |threads: NonZeroUsize| NonZeroUsize::new(cores().get() / threads).unwrap_or(NonZeroUsize::MIN);
-    let jobs = plan.jobs.unwrap_or_else(|| of_cores(plan.threads.unwrap_or(NonZeroUsize::MIN)));
+    let jobs = plan.jobs.unwrap_or_else(|| share_of(cores(), plan.threads.map_or(1, NonZeroUsize::get)));
     let (runs, recorded) = fly(plan, jobs, is_recorded, progress)?;
     // As long as this file is there, the study is not finished.
     let unrecorded = plan.out.join(UNRECORDED);
@@ -56,6 +55,11 @@ pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> R
         fs::remove_file(&unrecorded).map_err(failed)?;
     }
     Ok(FlownStudy { runs, recorded })
+}
+
+/// The cores for each of so many that want them at once: one at least.
+fn share_of(cores: NonZeroUsize, at_once: usize) -> NonZeroUsize {
+    NonZeroUsize::new(cores.get() / at_once.max(1)).unwrap_or(NonZeroUsize::MIN)
 }
 
 /// Writes `runs.csv`, then `summary.json`.
@@ -85,7 +89,7 @@ fn fly(
     let left: Vec<usize> = (0..there.len()).filter(|&nth| there[nth].is_none()).collect();
     progress.begin(there.len(), there.len() - left.len());
     let flown = if plan.is_fleet {
-        let idle = NonZeroUsize::new(cores().get() / left.len().clamp(1, jobs.get())).unwrap_or(NonZeroUsize::MIN);
+        let idle = share_of(cores(), left.len().min(jobs.get()));
         let fly = |nth: usize| plan.run(left[nth]).fly_fleet(idle, is_recorded).inspect(|_| progress.inc());
         let (flown, each): (Vec<_>, Vec<_>) = in_parallel(left.len(), jobs, fly)?.into_iter().unzip();
         recorded = each.into_iter().collect();
