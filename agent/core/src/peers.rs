@@ -244,7 +244,9 @@ impl Peers {
             let received = received.iter().map(|received| (&received.message, received.at));
             let broadcast = broadcast.messages.iter().map(|message| (message, now));
             let of_others = received.chain(broadcast).filter(|(message, _)| !is_own(message));
-            Arc::make_mut(&mut self.records).update(now, of_others);
+            let records = Arc::make_mut(&mut self.records);
+            records.leave_out(self.own);
+            records.update(now, of_others);
         }
         self.end_update(now);
     }

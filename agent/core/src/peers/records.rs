@@ -179,6 +179,12 @@ impl Records {
         }
     }
 
+    /// Judges vehicle `own` no more. Records that several agents share judge every vehicle; once they are those of its own
+    /// agent alone, a late judgement of it would count as a sign of overload.
+    pub(super) fn leave_out(&mut self, own: VehicleId) {
+        self.known.set(own, false);
+    }
+
     /// Takes the messages received since the last update, each with its time of arrival.
     pub(super) fn update<'a>(&mut self, now: LocalTime, messages: impl Iterator<Item = (&'a PeerMessage, LocalTime)>) {
         let before = self.begin_update(now);

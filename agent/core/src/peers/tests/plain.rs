@@ -425,3 +425,26 @@ fn no_obstacle_is_larger_than_the_largest() {
     let Role::Obstacle { radius_m } = table.only().role else { panic!("still an obstacle") };
     assert!(radius_m <= MAX_OBSTACLE_RADIUS_M);
 }
+
+/// A silent vehicle counts as back without any message when another one turns out to be suspected too early: longer silences
+/// are allowed from then on. Shared records see this of every vehicle, an agent never of its own.
+#[test]
+fn the_silence_of_the_own_vehicle_is_no_sign_of_overload() {
+    let network = network("");
+    let mut shared = SharedRecords::starting_with(Records::new(ROSTER, 1, &network));
+    let mut kept = Peers::new(id(OWN), ROSTER, 1, &network);
+    let mut changes = Vec::new();
+    let before =
+        [(1.0, Some((2, 1))), (1.0, Some((OWN, 1))), (20.0, Some((OWN, 2))), (20.4, Some((1, 1))), (21.2, None)];
+    let after = [(21.3, Some((2, 2))), (21.4, None), (22.2, None), (22.9, None)];
+    for (at_s, sent) in before.into_iter().chain(after) {
+        let messages: Vec<_> = sent.map(|(sender, sequence)| state(sender, 1, sequence, 0.0)).into_iter().collect();
+        shared.update(seconds(at_s), &messages);
+        kept.update(seconds(at_s), &[], Broadcast { messages: &messages, records: Some(&shared), inbox: None });
+        changes.extend(kept.changes().map(|change| (at_s, change)));
+    }
+    use Change::{Found, Lost};
+    let expected =
+        [(1.0, Found(id(2))), (20.0, Lost(id(2))), (20.4, Found(id(1))), (21.3, Found(id(2))), (22.9, Lost(id(1)))];
+    assert_eq!(changes, expected);
+}
