@@ -291,6 +291,11 @@ impl AddedDelays {
         Self(senders.flat_map(of).collect())
     }
 
+    /// The senders whose messages are ever delayed.
+    fn senders(&self) -> impl Iterator<Item = VehicleId> {
+        self.0.iter().map(|(sender, _)| *sender)
+    }
+
     /// The delay added to messages from this sender now, s.
     fn s(&self, flown_s: Option<f64>, sender: VehicleId) -> f64 {
         let lasts = |lasting: &Range<f64>| flown_s.is_some_and(|t_s| lasting.contains(&t_s));

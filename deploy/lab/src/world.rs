@@ -32,7 +32,7 @@ use skein_core::control::Rules;
 use skein_core::formation::external::{LawQuery, LawReply};
 use skein_core::formation::{self, UnsupportedScenario, Workspace};
 use skein_core::helicopter::{BuiltInVehicle, TICK_S};
-use skein_core::impairments::{StrangerNetwork, SwarmNetwork};
+use skein_core::impairments::{ReceiverPosition, StrangerNetwork, SwarmNetwork};
 use skein_core::intent::ReceivedIntent;
 use skein_core::outbox::Outbox;
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState, SharedRecords};
@@ -393,7 +393,10 @@ impl World {
                 vehicle.takes_broadcast = true;
                 vehicle.station.iter_mut().for_each(Station::release_inbox);
             }
-            network.set_positions(vehicles.iter().map(|vehicle| vehicle.agent().and_then(Agent::position)));
+            network.set_receivers(vehicles.iter().map(|vehicle| ReceiverPosition {
+                flown_s: vehicle.clocks().flown_s(now),
+                position: vehicle.agent().and_then(Agent::position),
+            }));
             network.deliver(now, to_one, arriving);
             to_one.clear();
             return;

@@ -7,6 +7,7 @@
 mod flight;
 mod graph;
 mod places;
+mod receiver;
 mod sender;
 
 use alloc::collections::VecDeque;
@@ -14,21 +15,21 @@ use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
 
-use skein_common::frame::PositionNed;
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::scenario::{ControlMode, EventAction, Fault, Quality, Scenario};
+use skein_common::scenario::{ControlMode, EventAction, Fault, Graph, Quality, Scenario};
 use skein_common::time::LocalTime;
 
 use super::channel::{Channel, Direction, delivery, size_bytes};
 use super::channels::{Range, quality_of};
 use super::draw::{Draw, Draws, MessageKey};
 use super::numbers::{self, Numbers};
-use super::{Delivery, Impairments};
-use crate::peers::{Parcel, PeerMessage, SwarmInbox};
+use super::{Delivery, Impairments, ReceiverPosition};
+use crate::peers::{Parcel, PeerMessage, Received, SwarmInbox};
 use crate::skew::Skew;
 use flight::{Arrivals, Batch, Content, OnItsWay, received_twice};
 use graph::SwarmGraph;
 use places::Places;
+use receiver::SwarmReceiver;
 use sender::SwarmSender;
 
 /// The network between all vehicles of a swarm.
@@ -42,7 +43,9 @@ pub struct SwarmNetwork {
     graph: SwarmGraph,
     /// All vehicles as senders and as receivers, by id.
     senders: Vec<SwarmSender>,
-    receivers: Vec<Receiver>,
+    receivers: Vec<SwarmReceiver>,
+    /// The receivers as they are when their agents begin.
+    at_begin: Vec<SwarmReceiver>,
     places: Places,
     /// The receivers with an agent.
     present: VehicleSet,
@@ -52,20 +55,14 @@ pub struct SwarmNetwork {
     next_frame: u64,
     /// Number of deliveries so far.
     serial: u64,
+    /// Whether a message arrives at every receiver at another time.
+    is_spread: bool,
     /// Whether a message can arrive before an earlier one of its sender, or twice.
     may_overtake: bool,
     /// Whether messages wait for the bandwidth of any link.
     has_queues: bool,
     batch: Batch,
     numbers: Numbers,
-}
-
-/// A vehicle as a receiver.
-#[derive(Clone, Debug, Default)]
-struct Receiver {
-    /// The channel for orders from operators, and their number so far.
-    operator: Channel,
-    orders: u64,
 }
 
 /// A message that a vehicle sends now.
@@ -98,16 +95,22 @@ impl Reach {
 
 impl SwarmNetwork {
     /// The network of a scenario that flies in frames of this length, ns; `None` if every message arrives at once, or if the
-    /// scenario has what only the impairments of single receivers have: cuts, added delays, wrong clocks, a central controller.
+    /// scenario has what only the impairments of single receivers have: wrong clocks, a central controller, or both cuts and a
+    /// limit by distance.
     pub fn new(scenario: &Scenario, frame_ns: u64) -> Option<Self> {
-        let is_of_receivers = |event: &EventAction| {
-            matches!(event, EventAction::Fault(Fault::Cut { .. } | Fault::Delay { .. } | Fault::ClockJump { .. }))
-        };
         let first = scenario.ids().next()?;
+        let has_event = |is_it: fn(&Fault) -> bool| {
+            scenario.mission.events.iter().any(|event| matches!(&event.what, EventAction::Fault(fault) if is_it(fault)))
+        };
+        let has_cuts = has_event(|fault| matches!(fault, Fault::Cut { .. }));
+        let has_events = has_cuts || has_event(|fault| matches!(fault, Fault::Delay { .. }));
+        // Over a cut link a receiver does not learn where the sender is.
+        let looks_at_distance = scenario.network.range_m.is_some() || scenario.network.graph == Graph::Nearest;
         let is_supported = scenario.control.mode != ControlMode::Central
-            && !scenario.mission.events.iter().any(|event| is_of_receivers(&event.what))
+            && !(has_cuts && looks_at_distance)
+            && !has_event(|fault| matches!(fault, Fault::ClockJump { .. }))
             && scenario.ids().all(|id| Skew::new(scenario, id).is_zero());
-        if !is_supported || Impairments::new(scenario, first).is_perfect() {
+        if !is_supported || (!has_events && Impairments::new(scenario, first).is_perfect()) {
             return None;
         }
         let everywhere = scenario.network.quality();
@@ -120,12 +123,16 @@ impl SwarmNetwork {
             SwarmSender { particular, with_particular, ..SwarmSender::default() }
         };
         let mut senders: Vec<SwarmSender> = scenario.ids().map(sender).collect();
+        let receivers: Vec<_> = scenario.ids().map(|id| SwarmReceiver::new(scenario, id, has_events)).collect();
+        for (id, receiver) in scenario.ids().zip(&receivers) {
+            receiver.senders_with_events().for_each(|sender| senders[nth(sender)].with_events.insert(id));
+        }
         let qualities = || senders.iter().flat_map(|sender| sender.particular.iter().map(|(_, quality)| quality));
         let any = |has: fn(&Quality) -> bool| has(&everywhere) || qualities().any(has);
         let has_queues = any(|quality| quality.bandwidth_bit_s.is_some());
         let remembers = has_queues || any(|quality| quality.burst_s.is_some());
         let needed = numbers::needed(any);
-        let may_overtake = any(|quality| quality.jitter_s > 0.0 || quality.reorder > 0.0 || quality.duplicate > 0.0);
+        let is_spread = any(|quality| quality.jitter_s > 0.0 || quality.reorder > 0.0 || quality.duplicate > 0.0);
         if remembers {
             senders.iter_mut().for_each(|sender| sender.channels = vec![Channel::default(); count + 1]);
         }
@@ -139,14 +146,16 @@ impl SwarmNetwork {
             range: Range::of(&scenario.network),
             graph: SwarmGraph::new(scenario),
             senders,
-            receivers: vec![Receiver::default(); count],
+            at_begin: receivers.clone(),
+            receivers,
             places: Places::default(),
             present: VehicleSet::default(),
             frame_ns,
             in_flight: VecDeque::new(),
             next_frame: 0,
             serial: 0,
-            may_overtake,
+            is_spread,
+            may_overtake: is_spread || has_events,
             has_queues,
             batch: Batch::new(frame_ns),
             numbers,
@@ -168,7 +177,7 @@ impl SwarmNetwork {
     pub fn end(&mut self, vehicle: VehicleId) {
         self.present.remove(vehicle);
         self.in_flight.iter_mut().flatten().for_each(|message| message.remove(vehicle));
-        self.receivers[nth(vehicle)] = Receiver::default();
+        self.receivers[nth(vehicle)] = self.at_begin[nth(vehicle)].clone();
         for sender in &mut self.senders {
             sender.placed.remove(vehicle);
             if let Some(channel) = sender.channels.get_mut(usize::from(vehicle.get())) {
@@ -180,9 +189,10 @@ impl SwarmNetwork {
         Arc::make_mut(&mut self.inbox).forget(vehicle);
     }
 
-    /// Sets the position of each vehicle by its own agent, by id.
-    pub fn set_positions(&mut self, positions: impl Iterator<Item = Option<PositionNed>>) {
-        self.places.set(positions);
+    /// Sets the position and the time of flight of each vehicle by its own agent, by id.
+    pub fn set_receivers(&mut self, receivers: impl Iterator<Item = ReceiverPosition> + Clone) {
+        self.places.set(receivers.clone().map(|own| own.position));
+        self.receivers.iter_mut().zip(receivers).for_each(|(receiver, own)| receiver.flown_s = own.flown_s);
     }
 
     /// Sends these messages, which an ideal network would deliver now, and delivers to the inbox what arrives by now.
@@ -191,6 +201,9 @@ impl SwarmNetwork {
         self.next_frame = now.nanoseconds() / self.frame_ns;
         Arc::make_mut(&mut self.inbox).begin_frame();
         self.graph.update(now, self.places.all(), &self.senders);
+        for id in self.present.iter() {
+            self.repeat_held(now, id);
+        }
         for (receiver, message) in to_one {
             let only = [*receiver].into_iter().collect();
             self.send(now, message, self.present.both(only));
@@ -240,9 +253,10 @@ impl SwarmNetwork {
         self.numbers.draw(&MessageKey::of(sent.message, 0), !reach.fading.is_empty());
         // Messages out of range take up bandwidth, and have no other effect.
         let receivers = if self.has_queues { receivers } else { receivers.without(reach.out) };
-        let arrives_alike = !self.has_queues && !self.may_overtake;
-        let with_particular = self.senders[nth(sent.from)].with_particular;
-        let alike = if arrives_alike { receivers.without(with_particular) } else { VehicleSet::default() };
+        let arrives_alike = !self.has_queues && !self.is_spread;
+        let SwarmSender { with_particular, with_events, .. } = &self.senders[nth(sent.from)];
+        let special = with_particular.either(*with_events);
+        let alike = if arrives_alike { receivers.without(special) } else { VehicleSet::default() };
         self.send_alike(sent, alike, &reach);
         self.send_to_each(sent, receivers.without(alike), &reach);
     }
@@ -281,8 +295,8 @@ impl SwarmNetwork {
     fn send_to_each(&mut self, sent: &Sent<'_>, receivers: VehicleSet, reach: &Reach) {
         let &Sent { now, from, message, parcel } = sent;
         let what = Content::Parcel(parcel);
-        let Self { senders, everywhere, draws, numbers, batch, serial, .. } = self;
-        let SwarmSender { particular, with_particular, channels, .. } = &mut senders[nth(from)];
+        let Self { senders, receivers: at_receivers, everywhere, draws, numbers, batch, serial, .. } = self;
+        let SwarmSender { particular, with_particular, with_events, channels, .. } = &mut senders[nth(from)];
         *serial += 2;
         let (serial, copy_serial) = (*serial - 1, *serial);
         let message_bytes = core::cell::OnceCell::new();
@@ -297,12 +311,36 @@ impl SwarmNetwork {
             let chance = |what| numbers.of(what, id);
             let fate = delivery(quality, chance, sent_at, is_in_burst, reach.lost_share(id));
             let Delivery::Arrives { at, copy_at } = fate else { continue };
-            batch.add((serial, &what), id, at);
+            let added_s = match with_events.contains(id) {
+                true => at_receivers[nth(id)].take(from, message, now),
+                false => Some(0.0),
+            };
+            let Some(added_s) = added_s else { continue };
+            batch.add((serial, &what), id, at.plus_seconds(added_s));
             if let Some(copy_at) = copy_at {
-                batch.add((copy_serial, &what), id, copy_at);
+                batch.add((copy_serial, &what), id, copy_at.plus_seconds(added_s));
             }
         }
         self.put_batch();
+    }
+
+    /// Sends to a vehicle what its links have held back in a cut and deliver now.
+    fn repeat_held(&mut self, now: LocalTime, to: VehicleId) {
+        let only = [to].into_iter().collect();
+        for (from, Received { message, at: held_since }, added_s) in self.receivers[nth(to)].pass_time(now) {
+            let inbox = Arc::make_mut(&mut self.inbox);
+            let what = match &message {
+                PeerMessage::State(state) => Content::Parcel(inbox.put_held_state(state, held_since)),
+                PeerMessage::Mission(heartbeat) => Content::Parcel(inbox.put_heartbeat(heartbeat, now)),
+                PeerMessage::Appeared(_) => Content::Token(from, true),
+                PeerMessage::Vanished(_) => Content::Token(from, false),
+                PeerMessage::Order(_) => continue,
+            };
+            let delay_s = quality_of(to, &self.senders[nth(from)].particular, &self.everywhere).delay_s;
+            let at = now.plus_seconds(delay_s + added_s);
+            self.serial += 1;
+            self.put_in_flight(OnItsWay { serial: self.serial, what, receivers: only, at: Arrivals::Alike(at) }, at);
+        }
     }
 
     /// The receivers out of range of a sender, and those near that limit.
@@ -328,9 +366,15 @@ impl SwarmNetwork {
     fn send_token(&mut self, now: LocalTime, (of, is_there): (VehicleId, bool), receivers: VehicleSet) {
         self.serial += 1;
         let (sender, what) = (&self.senders[nth(of)], Content::Token(of, is_there));
+        let message = if is_there { PeerMessage::Appeared(of) } else { PeerMessage::Vanished(of) };
         for id in receivers.iter() {
+            let added_s = match sender.with_events.contains(id) {
+                true => self.receivers[nth(id)].take(of, &message, now),
+                false => Some(0.0),
+            };
+            let Some(added_s) = added_s else { continue };
             let delay_s = quality_of(id, &sender.particular, &self.everywhere).delay_s;
-            self.batch.add((self.serial, &what), id, now.plus_seconds(delay_s));
+            self.batch.add((self.serial, &what), id, now.plus_seconds(delay_s).plus_seconds(added_s));
         }
         self.put_batch();
     }
@@ -340,7 +384,7 @@ impl SwarmNetwork {
         let what = Content::Order(Arc::new(*order));
         self.serial += 2;
         for id in receivers.iter() {
-            let Receiver { operator, orders, .. } = &mut self.receivers[nth(id)];
+            let SwarmReceiver { operator, orders, .. } = &mut self.receivers[nth(id)];
             let key = MessageKey::of(message, *orders);
             *orders += 1;
             let direction = Direction { sender: 0, receiver: id, quality: &self.everywhere };

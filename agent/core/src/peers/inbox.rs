@@ -387,6 +387,14 @@ impl SwarmInbox {
         Parcel { sender, kind: ParcelKind::State, slot }
     }
 
+    /// Puts a state into the inbox again, which a link has held back since then. How far its sender has come in the meantime is
+    /// not known here.
+    pub fn put_held_state(&mut self, state: &ReceivedState, held_since: LocalTime) -> Parcel {
+        let (sender, order) = (state.header.sender, state.header.order());
+        let slot = Slot { message: *state, order, sent_at: held_since, in_flight: 0, travelled_m: 0.0 };
+        Parcel { sender, kind: ParcelKind::State, slot: self.senders[index(sender)].states.put(slot) }
+    }
+
     /// Puts a heartbeat into the inbox, before any receiver has it.
     pub fn put_heartbeat(&mut self, heartbeat: &Heartbeat, sent_at: LocalTime) -> Parcel {
         let sender = heartbeat.header.sender;

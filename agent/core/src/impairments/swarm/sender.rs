@@ -18,6 +18,8 @@ pub(super) struct SwarmSender {
     /// The receivers to which its links have settings of their own.
     pub(super) particular: Vec<(VehicleId, Quality)>,
     pub(super) with_particular: VehicleSet,
+    /// The receivers to which events ever cut or delay its messages.
+    pub(super) with_events: VehicleSet,
     /// The state of the links to all receivers; empty if they have none.
     pub(super) channels: Vec<Channel>,
 }

@@ -82,6 +82,19 @@ fn reach() -> impl Strategy<Value = Vec<String>> {
     (graph, range).prop_map(|(graph, range)| [graph, range].concat())
 }
 
+/// Events that cut or delay links.
+fn link_event(vehicles: u8) -> impl Strategy<Value = String> {
+    let ids = || prop::collection::btree_set(1..=vehicles, 1..4).prop_map(Vec::from_iter);
+    let what = prop_oneof![
+        3 => Just("fault = 'cut'".to_owned()),
+        1 => (0.02..1.5).prop_map(|delay_s: f64| format!("fault = 'delay', delay_s = {delay_s:.3}")),
+    ];
+    let lasts = prop_oneof![Just(String::new()), (0.1..9.0).prop_map(|for_s: f64| format!("for_s = {for_s:.2}, "))];
+    (0.0..25.0, lasts, ids(), ids(), any::<bool>(), what).prop_map(|(at_s, lasts, from, to, both_ways, what)| {
+        format!("{{ at_s = {at_s:.2}, {lasts}from = {from:?}, to = {to:?}, both_ways = {both_ways}, {what} }}")
+    })
+}
+
 /// Events with which agents end, begin and are given orders.
 fn events(vehicles: u8) -> impl Strategy<Value = String> {
     let event = prop_oneof![
@@ -98,7 +111,8 @@ fn events(vehicles: u8) -> impl Strategy<Value = String> {
             format!("{{ at_s = {at_s:.2}, fault = 'simulator_freeze', vehicle = {vehicle}, for_s = {for_s:.2} }}")
         }),
     ];
-    prop::collection::vec(event, 0..4).prop_map(|events| format!("mission.events=[{}]", events.join(", ")))
+    let event = prop_oneof![2 => event, 1 => link_event(vehicles)];
+    prop::collection::vec(event, 0..5).prop_map(|events| format!("mission.events=[{}]", events.join(", ")))
 }
 
 proptest! {
