@@ -417,7 +417,7 @@ impl Flight {
         let mut from_s = 0.0;
         for _ in 0..5 {
             let landed = sky.wait_for(60, "all vehicles fly, or have landed by themselves", || {
-                let flying = fly(&sky.now());
+                let flying = sky.since(0.0).last().map(fly).unwrap_or_default();
                 let is_end = |event: &ReportedEvent| event.what == "landed" && !flying.contains(&event.id);
                 let events = sky.events_since(from_s);
                 let landed: BTreeSet<_> = events.iter().filter(|event| is_end(event)).map(|event| event.id).collect();
