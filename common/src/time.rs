@@ -69,6 +69,15 @@ macro_rules! timeline {
 /// The nearest whole number, halves away from zero, as `f64::round` gives it, but without a call.
 #[inline]
 fn rounded(number: f64) -> i64 {
+    /// From this number on, numbers have no digits after the point: a sum with it is whole.
+    const WHOLE: f64 = (1_u64 << 52) as f64;
+    let size = number.abs();
+    if size < WHOLE / 2.0 {
+        let nearest = (size + WHOLE) - WHOLE;
+        let away = if size - nearest >= 0.5 { nearest + 1.0 } else { nearest };
+        let whole = ((away + WHOLE).to_bits() - WHOLE.to_bits()) as i64;
+        return if number < 0.0 { -whole } else { whole };
+    }
     let whole = number as i64;
     let rest = number - whole as f64;
     whole.saturating_add(i64::from(rest >= 0.5)).saturating_sub(i64::from(rest <= -0.5))

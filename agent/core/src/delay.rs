@@ -119,6 +119,12 @@ impl DelayAtArrival {
 pub struct Excess(f64);
 
 impl Excess {
+    /// The excess of the same message by a clock that is ahead by this, s.
+    #[must_use]
+    pub fn by_clock_ahead(self, ahead_s: f64) -> Self {
+        Self(self.0 + (1.0 + DRIFT) * ahead_s)
+    }
+
     /// The excess of a message that arrived at `at` with this transit, s.
     pub fn new(at: LocalTime, transit_s: f64) -> Self {
         Self(transit_s + DRIFT * at.seconds())

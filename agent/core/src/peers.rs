@@ -396,7 +396,7 @@ impl Peers {
 
     /// The same per sender; only senders with any.
     pub fn old_messages(&self) -> impl Iterator<Item = (VehicleId, u64)> {
-        self.records.peers().filter(|peer| peer.old > 0 && peer.id != self.own).map(|peer| (peer.id, peer.old))
+        self.records.peers().filter(|peer| peer.old > 0 && peer.id != self.own).map(|peer| (peer.id, peer.old.into()))
     }
 
     /// Number of messages dropped because their sender is not in this swarm or claims to be this vehicle.

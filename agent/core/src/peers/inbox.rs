@@ -20,6 +20,7 @@ use super::index;
 use super::message::ReceivedState;
 use super::peer::{Agreed, AgreementChange, KeptHeartbeat, Motion, Newest, StateArrival};
 use crate::delay::{Excess, since_stamp_s};
+use crate::skew::Skew;
 
 /// The newest messages of all senders at all receivers.
 #[derive(Clone, Debug)]
@@ -37,8 +38,18 @@ pub struct SwarmInbox {
     longest_way_m: f64,
     /// Largest horizontal speed of a state so far, m/s.
     fastest_m_s: f64,
-    /// Largest excess of a state's delay so far.
+    /// Largest excess of a state's delay so far, by a correct clock.
     largest_excess: Option<Excess>,
+    /// The receivers' clocks; empty if all are correct.
+    clocks: Vec<ReceiverClock>,
+}
+
+/// The clock of a receiver.
+#[derive(Clone, Copy, Debug)]
+struct ReceiverClock {
+    error: Skew,
+    /// The most by which it has been ahead of a correct clock so far, s.
+    ahead_s: f64,
 }
 
 /// The messages of one sender.
@@ -53,6 +64,8 @@ struct FromSender {
     place: Option<(PositionNed, LocalTime)>,
     /// When each receiver last saw a gap in the numbers of the heartbeats; zero if never.
     gaps_at: Vec<LocalTime>,
+    /// When each receiver's newest state arrived, by a correct clock; empty if all clocks are correct.
+    states_right_at: Vec<LocalTime>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -67,18 +80,9 @@ struct SentHeartbeat {
 struct Column<M> {
     slots: Vec<Slot<M>>,
     free: Vec<SlotIndex>,
-    newest: Vec<Arrival>,
-}
-
-/// The newest message of a sender at a receiver.
-#[derive(Clone, Copy, Debug)]
-struct Arrival {
-    at: LocalTime,
-    slot: Option<NonZeroSlot>,
-}
-
-impl Arrival {
-    const NONE: Self = Self { at: LocalTime::ZERO, slot: None };
+    /// The newest message at each receiver, and its arrival by the receiver's clock.
+    newest: Vec<Option<NonZeroSlot>>,
+    arrived_at: Vec<LocalTime>,
 }
 
 type SlotIndex = u16;
@@ -96,8 +100,16 @@ struct Slot<M> {
     travelled_m: f64,
 }
 
-/// The time of an arrival, and the number of the delivery, which orders those of the same time.
+/// The correct time of an arrival, and the number of the delivery, which orders those of the same time.
 pub(super) type Turn = (LocalTime, u64);
+
+/// An arrival at the receiver with this index, at this time by its own clock.
+#[derive(Clone, Copy, Debug)]
+struct Arriving {
+    nth: usize,
+    turn: Turn,
+    at: LocalTime,
+}
 
 /// All that one receiver has received in a frame.
 #[derive(Clone, Copy, Debug)]
@@ -114,13 +126,9 @@ pub(super) struct News<'a> {
 pub(super) struct NewsItem {
     receiver: u8,
     turn: Turn,
+    /// The time of its arrival by the receiver's clock.
+    pub(super) at: LocalTime,
     pub(super) item: Item,
-}
-
-impl NewsItem {
-    pub(super) fn at(&self) -> LocalTime {
-        self.turn.0
-    }
 }
 
 /// The news of all receivers in a frame.
@@ -134,8 +142,8 @@ struct AllNews {
 }
 
 impl AllNews {
-    fn add(&mut self, receiver: usize, turn: Turn, item: Item) {
-        self.items.push(NewsItem { receiver: receiver as u8, turn, item });
+    fn add(&mut self, Arriving { nth, turn, at }: Arriving, item: Item) {
+        self.items.push(NewsItem { receiver: nth as u8, turn, at, item });
     }
 }
 
@@ -170,7 +178,8 @@ enum ParcelKind {
 
 impl<M: Copy> Column<M> {
     fn new(receivers: usize) -> Self {
-        Self { slots: Vec::new(), free: Vec::new(), newest: vec![Arrival::NONE; receivers] }
+        let (newest, arrived_at) = (vec![None; receivers], vec![LocalTime::ZERO; receivers]);
+        Self { slots: Vec::new(), free: Vec::new(), newest, arrived_at }
     }
 
     /// Puts a message into a slot.
@@ -191,11 +200,10 @@ impl<M: Copy> Column<M> {
     /// made, so that the next sweep is some messages away.
     fn sweep(&mut self) {
         let mut is_needed: Vec<bool> = self.slots.iter().map(|slot| slot.in_flight > 0).collect();
-        let newest = self.newest.iter().filter_map(|arrival| arrival.slot);
-        newest.for_each(|slot| is_needed[slot_index(slot)] = true);
+        self.newest.iter().flatten().for_each(|slot| is_needed[slot_index(*slot)] = true);
         let unneeded = is_needed.iter().enumerate().filter(|(_, is_needed)| !**is_needed);
         self.free.extend(unneeded.map(|(index, _)| index as SlotIndex));
-        const ROOM: usize = 6;
+        const ROOM: usize = 3;
         if let (Some(&any), true) = (self.slots.last(), self.free.len() < ROOM) {
             let begin = self.slots.len();
             self.slots.reserve_exact(ROOM);
@@ -207,8 +215,8 @@ impl<M: Copy> Column<M> {
 
     #[inline]
     fn newest(&self, receiver: usize) -> Option<(&Slot<M>, LocalTime)> {
-        let Arrival { at, slot } = *self.newest.get(receiver)?;
-        Some((&self.slots[slot_index(slot?)], at))
+        let slot = (*self.newest.get(receiver)?)?;
+        Some((&self.slots[slot_index(slot)], self.arrived_at[receiver]))
     }
 }
 
@@ -227,6 +235,7 @@ impl FromSender {
             has_restarted: false,
             place: None,
             gaps_at: vec![LocalTime::ZERO; receivers],
+            states_right_at: Vec::new(),
         }
     }
 
@@ -238,66 +247,72 @@ impl FromSender {
 
     /// Whether a receiver may accept a message by its incarnation. The first one of a new incarnation makes the earlier ones
     /// void.
-    fn accepts_incarnation(&mut self, header: &Header, nth: usize, turn: Turn, news: &mut AllNews) -> bool {
+    fn accepts_incarnation(&mut self, header: &Header, arrival: Arriving, news: &mut AllNews) -> bool {
         let Self { states, heartbeats, .. } = self;
+        let nth = arrival.nth;
         let of_state = states.newest(nth).map(|(slot, _)| slot.order.incarnation);
         let before = of_state.max(heartbeats.newest(nth).map(|(slot, _)| slot.order.incarnation));
         if before.is_some_and(|before| before < header.incarnation) {
-            (states.newest[nth], heartbeats.newest[nth]) = (Arrival::NONE, Arrival::NONE);
-            news.add(nth, turn, Item::Restarted(header.sender));
+            (states.newest[nth], heartbeats.newest[nth]) = (None, None);
+            news.add(arrival, Item::Restarted(header.sender));
         }
         before.is_none_or(|before| before <= header.incarnation)
     }
 
-    fn deliver_state(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = (usize, Turn)>, news: &mut AllNews) {
+    fn deliver_state(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = Arriving>, news: &mut AllNews) {
         let Slot { order, message: ReceivedState { header, .. }, .. } = self.states.slots[usize::from(parcel.slot)];
         let slot = NonZeroSlot::new(parcel.slot + 1);
         // Most receivers have the same message before this one.
         let mut compared = (None, true);
-        for (nth, turn) in arrivals {
-            let is_current = !self.has_restarted || self.accepts_incarnation(&header, nth, turn, news);
-            let before = self.states.newest[nth].slot;
+        for arrival in arrivals {
+            let Arriving { nth, turn, at } = arrival;
+            let is_current = !self.has_restarted || self.accepts_incarnation(&header, arrival, news);
+            let before = self.states.newest[nth];
             if before != compared.0 {
                 let is_newer = before.is_none_or(|last| self.states.slots[slot_index(last)].order < order);
                 compared = (before, is_newer);
             }
             if !is_current || !compared.1 {
-                news.add(nth, turn, Item::Old(parcel.sender));
+                news.add(arrival, Item::Old(parcel.sender));
                 continue;
             }
-            self.states.newest[nth] = Arrival { at: turn.0, slot };
+            (self.states.newest[nth], self.states.arrived_at[nth]) = (slot, at);
+            if let Some(right_at) = self.states_right_at.get_mut(nth) {
+                *right_at = turn.0;
+            }
             news.states[nth].insert(parcel.sender);
         }
     }
 
-    fn deliver_heartbeat(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = (usize, Turn)>, news: &mut AllNews) {
+    fn deliver_heartbeat(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = Arriving>, news: &mut AllNews) {
         let SentHeartbeat { message, needs_all } = &self.heartbeats.slots[usize::from(parcel.slot)].message;
         let (header, needs_all) = (message.header, *needs_all);
         let echoed = message.echo.map(|echo| index(echo.of));
         let slot = NonZeroSlot::new(parcel.slot + 1);
         let mut compared = (None, After::Newer { has_gap: false, change: AgreementChange::Steps });
-        for (nth, turn) in arrivals {
-            if self.has_restarted && !self.accepts_incarnation(&header, nth, turn, news) {
-                news.add(nth, turn, Item::Old(parcel.sender));
+        for arrival in arrivals {
+            let Arriving { nth, at, .. } = arrival;
+            if self.has_restarted && !self.accepts_incarnation(&header, arrival, news) {
+                news.add(arrival, Item::Old(parcel.sender));
                 continue;
             }
-            let before = self.heartbeats.newest[nth].slot;
+            let before = self.heartbeats.newest[nth];
             if before != compared.0 {
                 compared = (before, self.after(before, parcel.slot));
             }
             match compared.1 {
                 After::Newer { has_gap, change } => {
                     if has_gap {
-                        self.gaps_at[nth] = turn.0;
+                        self.gaps_at[nth] = at;
                     }
-                    self.heartbeats.newest[nth] = Arrival { at: turn.0, slot };
+                    (self.heartbeats.newest[nth], self.heartbeats.arrived_at[nth]) = (slot, at);
                     news.heartbeats[nth].insert(parcel.sender);
                     if needs_all || echoed == Some(nth) || change != AgreementChange::Nothing {
-                        news.add(nth, turn, Item::Heartbeat(parcel, change));
+                        news.add(arrival, Item::Heartbeat(parcel, change));
                     }
                 }
                 After::Same => {}
-                After::Older => news.add(nth, turn, Item::Old(parcel.sender)),
+                After::Older => news.add(arrival, Item::Old(parcel.sender)),
             }
         }
     }
@@ -314,6 +329,14 @@ impl FromSender {
         let change = last_agreed.change_to(&new_agreed);
         After::Newer { has_gap: last.order.sequence + 1 < new.order.sequence, change }
     }
+}
+
+/// An arrival at a receiver at this correct time.
+#[inline]
+fn arriving(clocks: &[ReceiverClock], receiver: VehicleId, at: LocalTime, serial: u64) -> Arriving {
+    let nth = index(receiver);
+    let local_at = clocks.get(nth).map_or(at, |clock| clock.error.local_time(at));
+    Arriving { nth, turn: (at, serial), at: local_at }
 }
 
 /// A heartbeat compared with the newest one of a receiver.
@@ -335,16 +358,31 @@ impl SwarmInbox {
         let count = usize::from(roster);
         let senders = (0..count).map(|_| FromSender::new(count)).collect();
         let sets = || vec![VehicleSet::default(); count];
-        let (news, orders) = (AllNews { states: sets(), heartbeats: sets(), items: Vec::new() }, Vec::new());
+        let news = AllNews { states: sets(), heartbeats: sets(), items: Vec::new() };
         Self {
             plan,
             senders,
             news,
-            orders,
+            orders: Vec::new(),
             travelled_m: 0.0,
             longest_way_m: 0.0,
             fastest_m_s: 0.0,
             largest_excess: None,
+            clocks: Vec::new(),
+        }
+    }
+
+    /// Sets the errors of the receivers' clocks, by id, of which any may be wrong. `now` is the correct time, by which everything
+    /// is delivered until the next call.
+    pub fn set_clocks(&mut self, now: LocalTime, errors: impl Iterator<Item = Skew>) {
+        let count = self.senders.len();
+        if self.clocks.is_empty() {
+            self.clocks = vec![ReceiverClock { error: Skew::default(), ahead_s: f64::NEG_INFINITY }; count];
+            self.senders.iter_mut().for_each(|from| from.states_right_at = vec![LocalTime::ZERO; count]);
+        }
+        for (clock, error) in self.clocks.iter_mut().zip(errors) {
+            let ahead_s = error.local_time(now).seconds_since(now);
+            *clock = ReceiverClock { error, ahead_s: ahead_s.max(clock.ahead_s) };
         }
     }
 
@@ -353,11 +391,10 @@ impl SwarmInbox {
         self.travelled_m += core::mem::take(&mut self.longest_way_m);
         self.orders.clear();
         let AllNews { states, heartbeats, items } = &mut self.news;
-        states.fill(VehicleSet::default());
-        heartbeats.fill(VehicleSet::default());
+        [states, heartbeats].into_iter().for_each(|sets| sets.fill(VehicleSet::default()));
         items.clear();
         // The first frames have much more news than all others.
-        items.shrink_to(4 * states.len());
+        items.shrink_to(4 * self.senders.len());
     }
 
     /// Orders the news of the frame by receiver and arrival.
@@ -421,9 +458,9 @@ impl SwarmInbox {
     /// Delivers a message to receivers, to each at its time. `serial` is the number of the delivery.
     #[inline]
     pub fn deliver(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = (VehicleId, LocalTime)>, serial: u64) {
-        let Self { senders, news, .. } = self;
+        let Self { senders, news, clocks, .. } = self;
         let from = &mut senders[index(parcel.sender)];
-        let arrivals = arrivals.map(|(id, at)| (index(id), (at, serial)));
+        let arrivals = arrivals.map(|(id, at)| arriving(clocks, id, at, serial));
         match parcel.kind {
             ParcelKind::State => from.deliver_state(parcel, arrivals, news),
             ParcelKind::Heartbeat => from.deliver_heartbeat(parcel, arrivals, news),
@@ -443,12 +480,12 @@ impl SwarmInbox {
 
     /// Reports to a receiver whether the token of a vehicle is there.
     pub fn deliver_token(&mut self, (of, is_there): (VehicleId, bool), to: VehicleId, serial: u64, at: LocalTime) {
-        self.news.add(index(to), (at, serial), Item::Token(of, is_there));
+        self.news.add(arriving(&self.clocks, to, at, serial), Item::Token(of, is_there));
     }
 
     /// Delivers an operator's order.
     pub fn deliver_order(&mut self, order: Order, to: VehicleId, serial: u64, at: LocalTime) {
-        self.news.add(index(to), (at, serial), Item::Order(self.orders.len()));
+        self.news.add(arriving(&self.clocks, to, at, serial), Item::Order(self.orders.len()));
         self.orders.push(order);
     }
 
@@ -456,7 +493,7 @@ impl SwarmInbox {
     pub fn forget(&mut self, receiver: VehicleId) {
         let nth = index(receiver);
         for from in &mut self.senders {
-            (from.states.newest[nth], from.heartbeats.newest[nth]) = (Arrival::NONE, Arrival::NONE);
+            (from.states.newest[nth], from.heartbeats.newest[nth]) = (None, None);
             from.gaps_at[nth] = LocalTime::ZERO;
         }
         (self.news.states[nth], self.news.heartbeats[nth]) = Default::default();
@@ -482,9 +519,13 @@ impl SwarmInbox {
         self.orders.get(nth)
     }
 
-    /// How far the states of all vehicles have come, and the largest excess of their delays.
-    pub(super) fn travel(&self) -> (f64, f64, Option<Excess>) {
-        (self.travelled_m + self.longest_way_m, self.fastest_m_s, self.largest_excess)
+    /// How far the states of all vehicles have come, and an excess of their delays at this receiver that is not exceeded.
+    pub(super) fn travel(&self, receiver: usize) -> (f64, f64, Option<Excess>) {
+        /// More than the rounding errors of times, s.
+        const ROUNDING_S: f64 = 1e-6;
+        let ahead_s = self.clocks.get(receiver).map_or(0.0, |clock| clock.ahead_s + ROUNDING_S);
+        let largest_excess = self.largest_excess.map(|excess| excess.by_clock_ahead(ahead_s));
+        (self.travelled_m + self.longest_way_m, self.fastest_m_s, largest_excess)
     }
 
     /// The length in [`Self::travel`] that counts for the newest state of a sender at a receiver, m.
@@ -494,7 +535,7 @@ impl SwarmInbox {
 
     /// All that this vehicle has received in this frame.
     pub(super) fn news(&self, receiver: usize) -> News<'_> {
-        let AllNews { states, heartbeats, items } = &self.news;
+        let AllNews { states, heartbeats, items, .. } = &self.news;
         let begin = items.partition_point(|item| usize::from(item.receiver) < receiver);
         let count = items[begin..].partition_point(|item| usize::from(item.receiver) == receiver);
         News { states: states[receiver], heartbeats: heartbeats[receiver], items: &items[begin..begin + count] }
@@ -511,8 +552,10 @@ impl SwarmInbox {
 
     /// Time from the sending of a sender's newest state to its arrival at a receiver, s.
     pub(super) fn latency_s(&self, sender: usize, receiver: usize) -> Option<f64> {
-        let (slot, at) = self.senders.get(sender)?.states.newest(receiver)?;
-        Some(at.seconds_since(slot.sent_at))
+        let from = self.senders.get(sender)?;
+        let (slot, at) = from.states.newest(receiver)?;
+        let right_at = from.states_right_at.get(receiver).copied().unwrap_or(at);
+        Some(right_at.seconds_since(slot.sent_at))
     }
 
     /// The newest messages of a sender at a receiver.
@@ -522,6 +565,7 @@ impl SwarmInbox {
         let heartbeat = self.heartbeat(sender, receiver);
         let received_at = state.map(|state| state.at).max(heartbeat.map(|heartbeat| heartbeat.at));
         Newest {
+            incarnation: from.incarnation.unwrap_or_default(),
             state,
             heartbeat,
             received_at,

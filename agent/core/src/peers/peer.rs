@@ -32,19 +32,31 @@ pub(super) struct Peer {
     found: bool,
     /// The status after the last assessment.
     pub(super) status: Status,
-    pub(super) incarnation: Incarnation,
-    lost_at: Option<LocalTime>,
+    lost_at: MaybeTime,
     /// Whether it was lost by its silence alone: its token was there, and nothing was reported of the token since.
     lost_by_silence: bool,
     /// When it was last found.
-    found_at: Option<LocalTime>,
+    found_at: MaybeTime,
     /// Number of its messages that were dropped because a newer one had been received.
-    pub(super) old: u64,
+    pub(super) old: u32,
+}
+
+/// A time, or none, in the room of a time: a swarm of n vehicles has n² of these.
+#[derive(Clone, Copy, Debug)]
+struct MaybeTime(LocalTime);
+
+impl MaybeTime {
+    const NONE: Self = Self(LocalTime::MAX);
+
+    fn get(self) -> Option<LocalTime> {
+        (self.0 != LocalTime::MAX).then_some(self.0)
+    }
 }
 
 /// The newest messages of the current incarnation of one peer.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Newest {
+    pub(super) incarnation: Incarnation,
     pub(super) state: Option<StateArrival>,
     pub(super) heartbeat: Option<KeptHeartbeat>,
     /// Arrival of the newest message.
@@ -219,9 +231,9 @@ impl Newest {
         self.heartbeat.is_some_and(|heartbeat| heartbeat.agreement.same_plan)
     }
 
-    /// Forgets the messages of an earlier incarnation.
-    pub(super) fn begin(&mut self) {
-        (self.state, self.heartbeat) = (None, None);
+    /// Forgets the messages of an earlier incarnation. A new one numbers its messages from one again.
+    pub(super) fn begin(&mut self, incarnation: Incarnation) {
+        (self.incarnation, self.state, self.heartbeat) = (incarnation, None, None);
     }
 }
 
@@ -229,20 +241,28 @@ impl Peer {
     pub(super) fn unknown(id: VehicleId) -> Self {
         Self {
             id,
-            incarnation: Incarnation::default(),
             token: None,
             found: false,
-            lost_at: None,
+            lost_at: MaybeTime::NONE,
             lost_by_silence: false,
-            found_at: None,
+            found_at: MaybeTime::NONE,
             old: 0,
             status: Status::default(),
         }
     }
 
+    fn lost_at(&self) -> Option<LocalTime> {
+        self.lost_at.get()
+    }
+
     /// Takes whether its liveliness token is there.
     pub(super) fn set_token(&mut self, is_there: bool) {
         (self.token, self.lost_by_silence) = (Some(is_there), false);
+    }
+
+    /// Counts a message that was dropped because a newer one had been received.
+    pub(super) fn note_old(&mut self) {
+        self.old = self.old.saturating_add(1);
     }
 
     /// Updates whether the peer is lost; returns a change to be reported.
@@ -251,15 +271,15 @@ impl Peer {
         let now = judgement.now;
         let silent = Deadline::PeerLost(self.silent_s(newest, judgement)).is_past(now.seconds_since(received_at));
         let gone = self.token == Some(false) || silent;
-        if gone && self.lost_at.is_none() {
-            self.lost_at = Some(now);
+        if gone && self.lost_at().is_none() {
+            self.lost_at = MaybeTime(now);
             self.lost_by_silence = self.token != Some(false);
             // A peer that left the swarm on purpose is not reported as lost.
             (newest.membership() != Membership::Left).then_some(Change::Lost(self.id))
-        } else if !gone && (self.lost_at.is_some() || !self.found) {
-            self.lost_at = None;
+        } else if !gone && (self.lost_at().is_some() || !self.found) {
+            self.lost_at = MaybeTime::NONE;
             self.found = true;
-            self.found_at = Some(received_at);
+            self.found_at = MaybeTime(received_at);
             Some(Change::Found(self.id))
         } else {
             None
@@ -268,13 +288,13 @@ impl Peer {
 
     /// Whether it was suspected so lately, by its silence alone, that a message of it shows that this was too early.
     pub(super) fn is_doubtful(&self, judgement: &Judgement) -> bool {
-        let lost_s = self.lost_at.filter(|_| self.lost_by_silence).map(|at| judgement.now.seconds_since(at));
+        let lost_s = self.lost_at().filter(|_| self.lost_by_silence).map(|at| judgement.now.seconds_since(at));
         lost_s.is_some_and(|lost_s| judgement.timeout.is_soon(lost_s))
     }
 
     /// From when on its link counts as one that loses nothing, if no heartbeat is lost until then.
     fn proven_at(&self, newest: &Newest) -> LocalTime {
-        let since = self.found_at.max(newest.gap_at);
+        let since = self.found_at.get().max(newest.gap_at);
         since.map_or(LocalTime::ZERO, |since| since.plus_seconds(Deadline::LinkProven.after_s()))
     }
 
@@ -286,7 +306,7 @@ impl Peer {
     /// The conditions that hold for the peer now.
     pub(super) fn assess(&self, newest: &Newest, judgement: &Judgement) -> Status {
         let Judgement { now, timeout, receives_all_states } = *judgement;
-        let is_lost = self.lost_at.is_some();
+        let is_lost = self.lost_at().is_some();
         let in_contact = self.found && !is_lost;
         let active = newest.membership() == Membership::Active;
         let is_active_member = in_contact && active && newest.flies_same_plan();
@@ -294,7 +314,7 @@ impl Peer {
         let is_silent = newest.state.is_none_or(|last| is_silent(last.at, now, timeout.without_state_s()));
         let is_recent = |lost_at: LocalTime| !Deadline::PeerGivenUp.is_past(now.seconds_since(lost_at));
         let has_left = newest.membership() == Membership::Left;
-        let lost_lately = self.lost_at.is_some_and(is_recent);
+        let lost_lately = self.lost_at().is_some_and(is_recent);
         let may_return = !has_left && lost_lately;
         Status::default()
             .with(Status::FOUND, self.found)
@@ -323,10 +343,10 @@ impl Peer {
                 until = until.min(start.plus_seconds(deadline.after_s() - ROUNDING_S));
             }
         };
-        let received_at = newest.received_at.filter(|_| self.lost_at.is_none());
+        let received_at = newest.received_at.filter(|_| self.lost_at().is_none());
         pending(received_at, Deadline::PeerLost(self.silent_s(newest, judgement)));
         pending(newest.state.map(|last| last.at), Deadline::NeighbourSilent(timeout.without_state_s()));
-        pending(self.lost_at, Deadline::PeerGivenUp);
+        pending(self.lost_at(), Deadline::PeerGivenUp);
         let proven_at = self.proven_at(newest);
         if let Some(received_at) = received_at.filter(|_| now < proven_at) {
             until = until.min(proven_at.max(received_at.plus_seconds(timeout.silent_s(true) - ROUNDING_S)));
@@ -338,7 +358,7 @@ impl Peer {
     fn is_in_sight(&self, newest: &Newest, judgement: &Judgement) -> bool {
         let Judgement { now, timeout, .. } = *judgement;
         let Some(last) = newest.state else { return false };
-        match self.lost_at {
+        match self.lost_at() {
             None => !is_silent(last.at, now, timeout.without_state_s()),
             // The last message may be a little younger than the last state.
             Some(lost_at) => lost_at.seconds_since(last.at) <= timeout.without_state_s() + FRESH_S,
@@ -349,9 +369,9 @@ impl Peer {
     /// newest state, s.
     #[cold]
     pub(super) fn standing_and_role(&self, now: LocalTime, age_s: f64) -> (PeerStatus, Role) {
-        let standing = if self.lost_at.is_some() { PeerStatus::Lost } else { standing(age_s) };
+        let standing = if self.lost_at().is_some() { PeerStatus::Lost } else { standing(age_s) };
         let is_gone = |lost_at| Deadline::ObstacleGone.is_past(now.seconds_since(lost_at));
-        if self.lost_at.is_some_and(is_gone) {
+        if self.lost_at().is_some_and(is_gone) {
             return (standing, Role::Nothing);
         }
         let unknown_m = (OBSTACLE_GROWTH_M_S * age_s).min(OBSTACLE_GROWTH_M);

@@ -5,40 +5,41 @@ use skein_common::time::LocalTime;
 
 use super::peer::FRESH_S;
 
-/// The vehicles of which messages have arrived lately: within [`Self::WITHIN`] of the longest silence that is allowed.
+/// The vehicles of which messages have arrived lately: within [`Self::WITHIN`] of the longest silence that is allowed, which
+/// changes at most to its half or its double at a time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RecentSenders {
-    /// The vehicles of the last times, the present one first.
-    times: [VehicleSet; Self::TIMES],
-    began_at: LocalTime,
+    /// The begin of each of the last times with its vehicles, the present one first.
+    times: [(LocalTime, VehicleSet); Self::TIMES],
 }
 
 impl RecentSenders {
     const TIMES: usize = 4;
     /// Share of the longest silence after which the next time begins.
-    const PERIOD: f64 = 0.17;
+    const PERIOD: f64 = 0.16;
     /// Share of the longest silence that may be between two updates. Messages of a longer time are not noted.
     const LONGEST_STEP: f64 = 0.03;
-    pub(super) const WITHIN: f64 = Self::TIMES as f64 * (Self::PERIOD + Self::LONGEST_STEP) + Self::LONGEST_STEP;
+    /// Share of the longest silence since the begin of a time up to which that time counts.
+    const BEGUN_WITHIN: f64 = Self::TIMES as f64 * (Self::PERIOD + Self::LONGEST_STEP);
+    /// A message of a time may have arrived one step before the time began, and then the longest silence may have been halved.
+    pub(super) const WITHIN: f64 = Self::BEGUN_WITHIN + 2.0 * Self::LONGEST_STEP;
 
     /// Notes the senders of the messages between the update at `before` and this one. `longest_s` is the longest silence, s.
     pub(super) fn insert(&mut self, senders: VehicleSet, (before, now): (LocalTime, LocalTime), longest_s: f64) {
-        let since_s = now.seconds_since(self.began_at);
-        if since_s >= Self::PERIOD * longest_s {
+        if now.seconds_since(self.times[0].0) >= Self::PERIOD * longest_s {
             self.times.rotate_right(1);
-            if since_s > (Self::PERIOD + Self::LONGEST_STEP) * longest_s {
-                self.times = Default::default();
-            }
-            (self.times[0], self.began_at) = (VehicleSet::default(), now);
+            self.times[0] = (now, VehicleSet::default());
         }
         if now.seconds_since(before) <= Self::LONGEST_STEP * longest_s {
-            self.times[0].extend(senders);
+            self.times[0].1.extend(senders);
         }
     }
 
     /// All of them.
-    pub(super) fn all(&self) -> VehicleSet {
-        self.times.iter().fold(VehicleSet::default(), |all, one| all.either(*one))
+    pub(super) fn all(&self, now: LocalTime, longest_s: f64) -> VehicleSet {
+        let counts = |begin: LocalTime| now.seconds_since(begin) <= Self::BEGUN_WITHIN * longest_s;
+        let counting = self.times.iter().filter(|(begin, _)| counts(*begin));
+        counting.fold(VehicleSet::default(), |all, (_, one)| all.either(*one))
     }
 }
 

@@ -208,7 +208,7 @@ impl Records {
         self.touched.extend(judged);
         (self.moved, self.arrived) = (states, arrived);
         for news in items {
-            self.take(inbox, &news.item, news.at());
+            self.take(inbox, &news.item, news.at);
         }
         self.known.extend(self.touched);
         self.end_update(before);
@@ -226,6 +226,8 @@ impl Records {
         self.reports.clear();
         self.orders.clear();
         self.trip_changes.clear();
+        // The first frames have much more of them than all others.
+        self.trip_changes.shrink_to(4);
         (self.touched, self.moved, self.arrived, self.echoed, self.suspected_too_early) = Default::default();
         before
     }
@@ -288,6 +290,12 @@ impl Records {
         self.messages.motion(id)
     }
 
+    /// The newest messages of a vehicle, if any can be known.
+    #[cfg(test)]
+    pub(super) fn newest(&self, id: VehicleId) -> Option<Newest> {
+        self.messages.newest(id)
+    }
+
     /// The newest heartbeat of a vehicle.
     pub(super) fn heartbeat(&self, id: VehicleId) -> Option<KeptHeartbeat> {
         self.messages.heartbeat(id)
@@ -325,7 +333,7 @@ impl Records {
     /// How far the states have come for a receiver with this largest delay of messages without an excess.
     pub(super) fn travel(&self, largest: DelayBase) -> Travel {
         let (travelled_m, fastest_m_s, largest_excess) = match &self.messages {
-            Messages::Swarm { inbox: Some(inbox), .. } => inbox.travel(),
+            Messages::Swarm { inbox: Some(inbox), receiver } => inbox.travel(index(*receiver)),
             _ => (self.travelled_m, self.fastest_m_s, self.largest_excess),
         };
         let delay = largest_excess.map(|excess| largest.at_arrival(excess));
@@ -392,32 +400,41 @@ impl Records {
     /// Judges the vehicles that messages have touched, and those of which a deadline may have passed.
     fn judge(&mut self) {
         let is_shorter = self.timeout.pass(self.now);
-        if is_shorter {
-            (self.recent, self.recent_states) = Default::default();
-        }
-        let is_every_deadline_new = is_shorter || self.unchanged_until == LocalTime::ZERO;
-        let is_due = is_every_deadline_new || self.now >= self.unchanged_until;
+        let is_longer = self.unchanged_until == LocalTime::ZERO;
+        let is_due = is_shorter || self.now >= self.unchanged_until;
         let Self { now, timeout, receives_all_states, .. } = *self;
         let judgement = Judgement { now, timeout, receives_all_states };
         let mut judged = self.touched;
+        // Those whose status other limits may have changed.
+        let mut affected = VehicleSet::default();
         if is_due {
-            let spared = if is_every_deadline_new { VehicleSet::default() } else { self.spared() };
+            let spared = self.spared();
+            let limits_s = [timeout.silent_s(true), timeout.without_state_s()];
+            let soonest_s = limits_s.into_iter().fold(f64::INFINITY, f64::min);
+            let spared_until = now.plus_seconds((1.0 - RecentSenders::WITHIN) * soonest_s);
+            self.unchanged_until = if spared.is_empty() { LocalTime::MAX } else { spared_until };
             judged.extend(self.known.without(spared));
-            self.unchanged_until = LocalTime::MAX;
-            if !spared.is_empty() {
-                let limits_s = [timeout.silent_s(true), timeout.without_state_s()];
-                let soonest_s = limits_s.into_iter().fold(f64::INFINITY, f64::min);
-                self.unchanged_until = now.plus_seconds((1.0 - RecentSenders::WITHIN) * soonest_s);
+            if is_shorter {
+                affected = self.known.without(spared);
+                for id in spared.iter() {
+                    let until = &mut self.peer_unchanged_until[index(id)];
+                    *until = spared_until.min(*until);
+                }
+            }
+            if is_longer {
+                // Whoever is in contact and has sent a young state may be silent for longer than before.
+                affected.extend(self.known.without(self.all(Status::IN_CONTACT).both(self.all(Status::YOUNG))));
+                judged.extend(affected);
             }
         }
-        let mut is_relisted = is_every_deadline_new;
+        let mut is_relisted = false;
         for id in judged.iter() {
             let (Some(peer), Some(until)) =
                 (self.peers.get_mut(index(id)), self.peer_unchanged_until.get_mut(index(id)))
             else {
                 continue;
             };
-            if is_due && !is_every_deadline_new && now < *until && !self.touched.contains(id) {
+            if is_due && now < *until && !self.touched.contains(id) && !affected.contains(id) {
                 self.unchanged_until = self.unchanged_until.min(*until);
                 continue;
             }
@@ -452,8 +469,10 @@ impl Records {
 
     /// The vehicles of which no deadline can pass soon: messages of them have arrived lately, and a state too if theirs is young.
     fn spared(&self) -> VehicleSet {
-        let with_states = self.recent_states.all().either(self.recent.all().without(self.all(Status::YOUNG)));
-        self.recent.all().both(with_states).both(self.all(Status::IN_CONTACT))
+        let recent = self.recent.all(self.now, self.timeout.silent_s(true));
+        let recent_states = self.recent_states.all(self.now, self.timeout.without_state_s());
+        let with_states = recent_states.either(recent.without(self.all(Status::YOUNG)));
+        recent.both(with_states).both(self.all(Status::IN_CONTACT))
     }
 
     /// Takes an item of news from the inbox.
@@ -468,7 +487,7 @@ impl Records {
                 }
                 self.note_contents(heartbeat, at);
             }
-            Item::Old(id) => self.peers[index(*id)].old += 1,
+            Item::Old(id) => self.peers[index(*id)].note_old(),
             Item::Token(id, is_there) => self.set_token(*id, *is_there),
             Item::Order(nth) => self.orders.extend(inbox.order(*nth)),
         }
@@ -480,7 +499,7 @@ impl Records {
                 let Some((peer, newest, moved)) = self.sender(&message.header) else { return };
                 let sequence = message.header.sequence;
                 if newest.state.is_some_and(|last| last.sequence >= sequence) {
-                    peer.old += 1;
+                    peer.note_old();
                     return;
                 }
                 newest.state = Some(StateArrival { sequence, at });
@@ -537,7 +556,9 @@ impl Records {
         if let Some(last) = newest.heartbeat.filter(|last| last.sequence >= sequence) {
             // A heartbeat is repeated to every agent that asks for it.
             let is_repeated = (last.sequence, last.stamp, last.agreement) == (sequence, stamp, agreement);
-            peer.old += u64::from(!is_repeated);
+            if !is_repeated {
+                peer.note_old();
+            }
             return;
         }
         let progress_m = message.progress_m;
@@ -590,16 +611,14 @@ impl Records {
             self.forged += 1;
             return None;
         };
-        if header.incarnation < peer.incarnation {
-            peer.old += 1;
+        let Messages::Own { newest, .. } = &mut self.messages else { return None };
+        let newest = newest.get_mut(nth)?;
+        if header.incarnation < newest.incarnation {
+            peer.note_old();
             return None;
         }
-        if header.incarnation > peer.incarnation {
-            // A new incarnation numbers its messages from one again.
-            peer.incarnation = header.incarnation;
-            if let Messages::Own { newest, .. } = &mut self.messages {
-                newest[nth].begin();
-            }
+        if header.incarnation > newest.incarnation {
+            newest.begin(header.incarnation);
             self.restarted(header.sender);
         }
         match &mut self.messages {

@@ -369,9 +369,8 @@ proptest! {
                 prop_assert!((believed.position.north_m() - north_m(incarnation, sequence)).abs() < 1e-4, "{believed:?}");
                 prop_assert!(believed.age_s >= believed.delay_s.unwrap_or_default() && believed.carried_s >= 0.0);
             }
-            let kept = table.0.records.peer(id(2)).and_then(|peer| {
-                Some((peer.incarnation.0, table.0.records.heartbeat(id(2))?.sequence))
-            });
+            let newest_of_peer = table.0.records.newest(id(2));
+            let kept = newest_of_peer.and_then(|newest| Some((newest.incarnation.0, newest.heartbeat?.sequence)));
             prop_assert_eq!(kept, newest(&heartbeats));
         }
     }
