@@ -65,6 +65,11 @@ impl Clocks {
         self.skew.local_time(right)
     }
 
+    /// The error of the vehicle's clock.
+    pub fn skew(&self) -> Skew {
+        self.skew
+    }
+
     /// Time since the vehicle's take-off, including earlier agents, s: the time base of scripted events. `None` before
     /// take-off.
     pub fn flown_s(&self, right: LocalTime) -> Option<f64> {

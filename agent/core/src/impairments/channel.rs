@@ -64,6 +64,11 @@ impl Channel {
         quality.burst_s.map(|mean_s| self.burst.is_on((quality.loss, mean_s), at, chance))
     }
 
+    /// The time until which [`Self::is_in_burst`] stays as it was last.
+    pub(super) fn burst_until(&self) -> LocalTime {
+        self.burst.until
+    }
+
     /// The time at which the message has left the queue; `None` if it would have to wait too long.
     pub(super) fn through_queue(
         &mut self,

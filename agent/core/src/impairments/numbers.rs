@@ -49,11 +49,20 @@ impl Numbers {
         share(self.columns[what as usize][usize::from(receiver.get())])
     }
 
+    /// The whole numbers that decide this, each at the place of its receiver's id.
+    pub(super) fn column(&self, what: Draw) -> &[u32] {
+        &self.columns[what as usize]
+    }
+
     /// The receivers whose number is below this share.
     pub(super) fn below(&self, what: Draw, below: f64) -> VehicleSet {
         // A whole number is below another number if it is below that one rounded up.
         let exact = below / share(1);
-        let limit = exact as u64 + u64::from(((exact as u64) as f64) < exact);
+        self.below_number(what, exact as u64 + u64::from(((exact as u64) as f64) < exact))
+    }
+
+    /// The receivers whose whole number is below this one, which is 2³² at most.
+    pub(super) fn below_number(&self, what: Draw, limit: u64) -> VehicleSet {
         let by_id = self.columns[what as usize].get(1..).unwrap_or_default();
         let mut blocks = [0; 4];
         for (block, numbers) in blocks.iter_mut().zip(by_id.chunks(64)) {

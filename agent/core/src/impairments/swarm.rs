@@ -12,11 +12,10 @@ mod sender;
 
 use alloc::collections::VecDeque;
 use alloc::sync::Arc;
-use alloc::vec;
 use alloc::vec::Vec;
 
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::scenario::{ControlMode, EventAction, Fault, Graph, Quality, Scenario};
+use skein_common::scenario::{ControlMode, EventAction, Fault, Quality, Scenario};
 use skein_common::time::LocalTime;
 
 use super::channel::{Channel, Direction, delivery, size_bytes};
@@ -26,7 +25,7 @@ use super::numbers::{self, Numbers};
 use super::{Delivery, Impairments, ReceiverPosition};
 use crate::peers::{Parcel, PeerMessage, Received, SwarmInbox};
 use crate::skew::Skew;
-use flight::{Arrivals, Batch, Content, OnItsWay, received_twice};
+use flight::{Arrivals, Batch, Content, OnItsWay, Spread, received_twice};
 use graph::SwarmGraph;
 use places::Places;
 use receiver::SwarmReceiver;
@@ -55,12 +54,11 @@ pub struct SwarmNetwork {
     next_frame: u64,
     /// Number of deliveries so far.
     serial: u64,
-    /// Whether a message arrives at every receiver at another time.
-    is_spread: bool,
     /// Whether a message can arrive before an earlier one of its sender, or twice.
     may_overtake: bool,
     /// Whether messages wait for the bandwidth of any link.
     has_queues: bool,
+    has_wrong_clocks: bool,
     batch: Batch,
     numbers: Numbers,
 }
@@ -94,23 +92,19 @@ impl Reach {
 }
 
 impl SwarmNetwork {
-    /// The network of a scenario that flies in frames of this length, ns; `None` if every message arrives at once, or if the
-    /// scenario has what only the impairments of single receivers have: wrong clocks, a central controller, or both cuts and a
-    /// limit by distance.
+    /// The network of a scenario that flies in frames of this length, ns. `None` if every message arrives at once by correct
+    /// clocks; under a central controller, whose agents exchange their messages within one computer; and if a clock jumps, because
+    /// its agent alone knows what counts as the time of an arrival then.
     pub fn new(scenario: &Scenario, frame_ns: u64) -> Option<Self> {
         let first = scenario.ids().next()?;
         let has_event = |is_it: fn(&Fault) -> bool| {
             scenario.mission.events.iter().any(|event| matches!(&event.what, EventAction::Fault(fault) if is_it(fault)))
         };
-        let has_cuts = has_event(|fault| matches!(fault, Fault::Cut { .. }));
-        let has_events = has_cuts || has_event(|fault| matches!(fault, Fault::Delay { .. }));
-        // Over a cut link a receiver does not learn where the sender is.
-        let looks_at_distance = scenario.network.range_m.is_some() || scenario.network.graph == Graph::Nearest;
-        let is_supported = scenario.control.mode != ControlMode::Central
-            && !(has_cuts && looks_at_distance)
-            && !has_event(|fault| matches!(fault, Fault::ClockJump { .. }))
-            && scenario.ids().all(|id| Skew::new(scenario, id).is_zero());
-        if !is_supported || (!has_events && Impairments::new(scenario, first).is_perfect()) {
+        let has_events = has_event(|fault| matches!(fault, Fault::Cut { .. } | Fault::Delay { .. }));
+        let has_wrong_clocks = scenario.ids().any(|id| !Skew::new(scenario, id).is_zero());
+        let is_perfect = !has_events && !has_wrong_clocks && Impairments::new(scenario, first).is_perfect();
+        let has_jumps = has_event(|fault| matches!(fault, Fault::ClockJump { .. }));
+        if is_perfect || has_jumps || scenario.control.mode == ControlMode::Central {
             return None;
         }
         let everywhere = scenario.network.quality();
@@ -119,8 +113,7 @@ impl SwarmNetwork {
             let others = scenario.ids().filter(|&id| id != from);
             let with_quality = others.map(|id| (id, scenario.network.link(from, id)));
             let particular: Vec<_> = with_quality.filter(|(_, quality)| *quality != everywhere).collect();
-            let with_particular = particular.iter().map(|(id, _)| *id).collect();
-            SwarmSender { particular, with_particular, ..SwarmSender::default() }
+            SwarmSender::new(particular)
         };
         let mut senders: Vec<SwarmSender> = scenario.ids().map(sender).collect();
         let receivers: Vec<_> = scenario.ids().map(|id| SwarmReceiver::new(scenario, id, has_events)).collect();
@@ -134,7 +127,7 @@ impl SwarmNetwork {
         let needed = numbers::needed(any);
         let is_spread = any(|quality| quality.jitter_s > 0.0 || quality.reorder > 0.0 || quality.duplicate > 0.0);
         if remembers {
-            senders.iter_mut().for_each(|sender| sender.channels = vec![Channel::default(); count + 1]);
+            senders.iter_mut().for_each(|sender| sender.remember_links(count));
         }
         let inbox = Arc::new(SwarmInbox::new(count as u8, scenario.plan_hash()));
         let draws = Draws::new(scenario.seed);
@@ -154,9 +147,9 @@ impl SwarmNetwork {
             in_flight: VecDeque::new(),
             next_frame: 0,
             serial: 0,
-            is_spread,
             may_overtake: is_spread || has_events,
             has_queues,
+            has_wrong_clocks,
             batch: Batch::new(frame_ns),
             numbers,
         })
@@ -179,10 +172,8 @@ impl SwarmNetwork {
         self.in_flight.iter_mut().flatten().for_each(|message| message.remove(vehicle));
         self.receivers[nth(vehicle)] = self.at_begin[nth(vehicle)].clone();
         for sender in &mut self.senders {
-            sender.placed.remove(vehicle);
-            if let Some(channel) = sender.channels.get_mut(usize::from(vehicle.get())) {
-                *channel = Channel::default();
-            }
+            sender.forget_place([vehicle].into_iter().collect());
+            sender.forget_link(vehicle);
         }
         self.graph.forget(vehicle);
         self.graph.placed_changed();
@@ -193,6 +184,13 @@ impl SwarmNetwork {
     pub fn set_receivers(&mut self, receivers: impl Iterator<Item = ReceiverPosition> + Clone) {
         self.places.set(receivers.clone().map(|own| own.position));
         self.receivers.iter_mut().zip(receivers).for_each(|(receiver, own)| receiver.flown_s = own.flown_s);
+    }
+
+    /// Sets the errors of the vehicles' clocks, by id. `now` is the correct time.
+    pub fn set_clocks(&mut self, now: LocalTime, errors: impl Iterator<Item = Skew>) {
+        if self.has_wrong_clocks {
+            Arc::make_mut(&mut self.inbox).set_clocks(now, errors);
+        }
     }
 
     /// Sends these messages, which an ideal network would deliver now, and delivers to the inbox what arrives by now.
@@ -225,15 +223,15 @@ impl SwarmNetwork {
         let sender = &mut self.senders[nth(from)];
         match message {
             PeerMessage::Appeared(_) | PeerMessage::Vanished(_) => {
-                sender.placed = sender.placed.without(receivers);
+                sender.forget_place(receivers);
                 self.graph.placed_changed();
                 let is_there = matches!(message, PeerMessage::Appeared(_));
                 self.send_token(now, (from, is_there), receivers);
             }
             PeerMessage::State(state) => {
-                sender.place = Some((state.position, now));
-                if !receivers.without(sender.placed).is_empty() {
-                    sender.placed.extend(receivers);
+                let is_dead = |id: &VehicleId| self.receivers[nth(*id)].is_dead(from);
+                let over_dead_links = sender.with_events.both(receivers).iter().filter(is_dead).collect();
+                if sender.report_place((state.position, now), receivers, over_dead_links) {
                     self.graph.placed_changed();
                 }
                 receivers = self.graph.receivers(from, receivers);
@@ -253,16 +251,24 @@ impl SwarmNetwork {
         self.numbers.draw(&MessageKey::of(sent.message, 0), !reach.fading.is_empty());
         // Messages out of range take up bandwidth, and have no other effect.
         let receivers = if self.has_queues { receivers } else { receivers.without(reach.out) };
-        let arrives_alike = !self.has_queues && !self.is_spread;
-        let SwarmSender { with_particular, with_events, .. } = &self.senders[nth(sent.from)];
-        let special = with_particular.either(*with_events);
-        let alike = if arrives_alike { receivers.without(special) } else { VehicleSet::default() };
-        self.send_alike(sent, alike, &reach);
-        self.send_to_each(sent, receivers.without(alike), &reach);
+        let apart = if self.has_queues { receivers } else { receivers.both(self.with_particulars(sent.from)) };
+        self.send_together(sent, receivers.without(apart), &reach);
+        self.send_to_each(sent, apart, &reach);
     }
 
-    /// Sends a message to receivers that it reaches at the same time, or not at all.
-    fn send_alike(&mut self, sent: &Sent<'_>, receivers: VehicleSet, reach: &Reach) {
+    /// The receivers to which links of a sender have settings or events of their own, or that receive the present message late
+    /// or twice.
+    fn with_particulars(&self, from: VehicleId) -> VehicleSet {
+        let SwarmSender { with_particular, with_events, .. } = &self.senders[nth(from)];
+        let Quality { reorder, duplicate, .. } = self.everywhere;
+        let [late, twice] = [(Draw::Reorder, reorder), (Draw::Duplicate, duplicate)]
+            .map(|(what, share)| if share > 0.0 { self.numbers.below(what, share) } else { VehicleSet::default() });
+        with_particular.either(*with_events).either(late).either(twice)
+    }
+
+    /// Sends a message to receivers whose links differ in nothing but their random numbers: it is lost, or it arrives after the
+    /// same delay and a random one.
+    fn send_together(&mut self, sent: &Sent<'_>, receivers: VehicleSet, reach: &Reach) {
         if receivers.is_empty() {
             return;
         }
@@ -274,24 +280,42 @@ impl SwarmNetwork {
             }
         }
         if self.everywhere.burst_s.is_some() {
-            let channels = &mut self.senders[nth(from)].channels;
-            for id in receivers.iter() {
-                let Some(channel) = channels.get_mut(usize::from(id.get())) else { continue };
-                let of_link = |turn| self.draws.of_link(from.get().into(), turn, id);
-                if channel.is_in_burst(&self.everywhere, now, of_link) == Some(true) {
-                    through.remove(id);
-                }
-            }
+            let of_link = |receiver, turn| self.draws.of_link(from.get().into(), turn, receiver);
+            through = through.without(self.senders[nth(from)].in_burst(&self.everywhere, now, of_link));
         } else if self.everywhere.loss > 0.0 {
             through = through.without(self.numbers.below(Draw::Loss, self.everywhere.loss));
         }
         self.serial += 1;
-        let at = now.plus_seconds(self.everywhere.delay_s);
-        let (what, arrivals) = (Content::Parcel(parcel), Arrivals::Alike(at));
-        self.put_in_flight(OnItsWay { serial: self.serial, what, receivers: through, at: arrivals }, at);
+        let (serial, what) = (self.serial, Content::Parcel(parcel));
+        let Quality { delay_s, jitter_s, .. } = self.everywhere;
+        if jitter_s > 0.0 {
+            let numbers = self.numbers.column(Draw::Jitter).to_vec();
+            self.put_spread((serial, &what), through, Spread { sent_at: now, delay_s, jitter_s, numbers });
+        } else {
+            let at = now.plus_seconds(delay_s);
+            self.put_in_flight(OnItsWay { serial, what, receivers: through, at: Arrivals::Alike(at) }, at);
+        }
     }
 
-    /// Sends a message to receivers that it reaches at different times.
+    /// Puts a message in flight to receivers that it reaches by these random delays. Those that it reaches in one frame are the
+    /// ones with a number in a certain range.
+    fn put_spread(&mut self, (serial, what): (u64, &Content), mut receivers: VehicleSet, spread: Spread) {
+        let spread = Arc::new(spread);
+        let [first, last] = spread.limits().map(|at| at.nanoseconds().div_ceil(self.frame_ns));
+        for frame in first..=last {
+            let end = LocalTime::from_nanoseconds(frame * self.frame_ns);
+            let due = if frame == last {
+                receivers
+            } else {
+                receivers.both(self.numbers.below_number(Draw::Jitter, spread.numbers_until(end)))
+            };
+            receivers = receivers.without(due);
+            let at = Arrivals::Spread(Arc::clone(&spread));
+            self.put_in_flight(OnItsWay { serial, what: what.clone(), receivers: due, at }, end);
+        }
+    }
+
+    /// Sends a message to receivers of which each has a fate of its own.
     fn send_to_each(&mut self, sent: &Sent<'_>, receivers: VehicleSet, reach: &Reach) {
         let &Sent { now, from, message, parcel } = sent;
         let what = Content::Parcel(parcel);
@@ -348,11 +372,12 @@ impl SwarmNetwork {
         let mut reach = Reach { out: VehicleSet::default(), fading: Vec::new() };
         let sender = &self.senders[nth(from)];
         let (Some(range), Some((place, _))) = (self.range, sender.place) else { return reach };
-        let placed = receivers.both(sender.placed);
+        let receivers = receivers.both(sender.placed());
+        let (older, placed) = (receivers.both(sender.with_older_place()), receivers.without(sender.with_older_place()));
         let (near, far) = self.places.near_and_far(place, range);
         reach.out = placed.both(far);
-        for id in placed.without(near).without(far).iter() {
-            let Some(own) = self.places.of(nth(id)) else { continue };
+        for id in placed.without(near).without(far).either(older).iter() {
+            let Some((own, (place, _))) = self.places.of(nth(id)).zip(sender.place_known_to(id)) else { continue };
             let share = range.loss_at((own - place).norm());
             if share >= 1.0 {
                 reach.out.insert(id);
@@ -367,7 +392,8 @@ impl SwarmNetwork {
         self.serial += 1;
         let (sender, what) = (&self.senders[nth(of)], Content::Token(of, is_there));
         let message = if is_there { PeerMessage::Appeared(of) } else { PeerMessage::Vanished(of) };
-        for id in receivers.iter() {
+        let special = receivers.both(sender.with_particular.either(sender.with_events));
+        for id in special.iter() {
             let added_s = match sender.with_events.contains(id) {
                 true => self.receivers[nth(id)].take(of, &message, now),
                 false => Some(0.0),
@@ -377,6 +403,9 @@ impl SwarmNetwork {
             self.batch.add((self.serial, &what), id, now.plus_seconds(delay_s).plus_seconds(added_s));
         }
         self.put_batch();
+        let at = now.plus_seconds(self.everywhere.delay_s);
+        let (serial, receivers) = (self.serial, receivers.without(special));
+        self.put_in_flight(OnItsWay { serial, what, receivers, at: Arrivals::Alike(at) }, at);
     }
 
     fn send_order(&mut self, now: LocalTime, message: &PeerMessage, receivers: VehicleSet) {
@@ -447,6 +476,9 @@ impl SwarmNetwork {
                     }
                     match &message.at {
                         Arrivals::Alike(at) => inbox.deliver(parcel, receivers.iter().map(|id| (id, *at)), serial),
+                        Arrivals::Spread(spread) => {
+                            inbox.deliver(parcel, receivers.iter().map(|id| (id, spread.at(id))), serial);
+                        }
                         Arrivals::Each(each) if receivers == message.receivers => {
                             inbox.deliver(parcel, all.zip(each.iter().copied()), serial);
                         }

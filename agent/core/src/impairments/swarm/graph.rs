@@ -30,7 +30,7 @@ pub(super) struct Nearest {
     /// A length that no sender's reported position has exceeded on its way, m: the sum over the updates of the longest way in each.
     travelled_m: f64,
     reported: Vec<Option<PositionNed>>,
-    /// Number of changes of [`SwarmSender::placed`] of any sender.
+    /// Number of changes of what receivers know of any sender's place otherwise than by its way.
     placements: u64,
     /// Buffer for sorting.
     distances: Vec<(f64, VehicleId)>,
@@ -105,7 +105,7 @@ impl SwarmGraph {
         }
     }
 
-    /// Notes that [`SwarmSender::placed`] of a sender has changed.
+    /// Notes that receivers know of a sender's place otherwise than by its way ([`SwarmSender::report_place`]).
     pub(super) fn placed_changed(&mut self) {
         if let Self::Nearest(Nearest { placements, .. }) = self {
             *placements += 1;
@@ -126,10 +126,8 @@ impl SwarmGraph {
             positions.zip(VehicleId::first(senders.len())).zip(of)
         {
             let Some(own) = own else { continue };
-            let place = |from: VehicleId| {
-                let SwarmSender { place, placed, .. } = senders.get(usize::from(from.get()) - 1)?;
-                place.filter(|_| from != id && placed.contains(id))
-            };
+            let place =
+                |from: VehicleId| senders.get(usize::from(from.get()) - 1)?.place_known_to(id).filter(|_| from != id);
             let distance = |from| place(from).map(|(position, _)| ((position - own).norm_squared(), from));
             let is_young = |from| place(from).is_some_and(|(_, sent_at)| now.seconds_since(sent_at) <= *stale_s);
             if let Some(known) = candidates {

@@ -42,6 +42,12 @@ impl SwarmReceiver {
         self.links.iter().map(Link::peer).chain(self.delays.senders())
     }
 
+    /// Whether no message from this sender arrives now.
+    pub(super) fn is_dead(&self, from: VehicleId) -> bool {
+        let link = self.links.binary_search_by_key(&from, Link::peer).ok();
+        link.is_some_and(|nth| self.links[nth].is_dead())
+    }
+
     /// The delay that events add to a message that arrives now, s; `None` if its link is cut.
     pub(super) fn take(&mut self, from: VehicleId, message: &PeerMessage, now: LocalTime) -> Option<f64> {
         let link = self.links.binary_search_by_key(&from, Link::peer).ok();
