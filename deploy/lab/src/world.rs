@@ -3,9 +3,8 @@
 //!
 //! One tick is one frame of every vehicle. A message sent in a tick is received in the next one by all other agents. It
 //! passes through the same encoding as on the wire. Over a perfect network, agents that have received the same share the
-//! records of it ([`SharedRecords`]); over another, they read the inbox of the swarm ([`SwarmNetwork`]). What that network
-//! does not have, such as a cut, the impairments in each receiver's [`Station`] do. Faults are injected after the agents
-//! have received messages and before they step.
+//! records of it ([`SharedRecords`]); over another, or by wrong clocks, they read the inbox of the swarm ([`SwarmNetwork`]).
+//! Only if a clock jumps, each agent's own [`Station`] has the impairments. Faults are injected after the agents have received messages and before they step.
 //!
 //! The agents run beside their vehicles (`world/beside.rs`), or in the central controller of `control.mode = "central"`
 //! (`world/central.rs`).
@@ -88,7 +87,7 @@ pub struct World {
     arriving: Vec<PeerMessage>,
     /// The knowledge of each other that all agents share which have received every message to all vehicles.
     records: SharedRecords,
-    /// The network between all vehicles, if it impairs messages and no vehicle needs impairments of its own.
+    /// The network between all vehicles; `None` if it is perfect, or if each agent needs impairments of its own.
     network: Option<Box<SwarmNetwork>>,
     /// The network from other teams, if the swarm is a team of a fleet.
     strangers: Option<Box<StrangerNetwork>>,
@@ -224,7 +223,7 @@ impl World {
             events.add(id, outbox.happened);
         };
         match &mut self.central {
-            Some(central) => central.frame(now, arriving.strangers, vehicles, &mut take),
+            Some(central) => central.frame(now, arriving, vehicles, &mut take),
             None => beside::frame(now, arriving, vehicles, &mut self.workspaces, &mut take),
         }
         for vehicle in vehicles.iter_mut() {
@@ -382,7 +381,7 @@ impl World {
             return;
         }
         mem::swap(&mut self.in_flight, &mut self.arriving);
-        let Self { vehicles, central, arriving, records, network, to_one, strangers, .. } = self;
+        let Self { vehicles, arriving, records, network, to_one, strangers, .. } = self;
         if let Some(strangers) = strangers {
             strangers.deliver(now);
             let stations = vehicles.iter_mut().filter_map(|vehicle| vehicle.station.as_mut());
@@ -397,6 +396,7 @@ impl World {
                 flown_s: vehicle.clocks().flown_s(now),
                 position: vehicle.agent().and_then(Agent::position),
             }));
+            network.set_clocks(now, vehicles.iter().map(|vehicle| vehicle.clocks().skew()));
             network.deliver(now, to_one, arriving);
             to_one.clear();
             return;
@@ -404,8 +404,7 @@ impl World {
         let mut any_takes_broadcast = false;
         for vehicle in vehicles.iter_mut() {
             let id = vehicle.id;
-            vehicle.takes_broadcast =
-                central.is_none() && vehicle.station.as_ref().is_some_and(|station| station.receives_broadcast());
+            vehicle.takes_broadcast = vehicle.station.as_ref().is_some_and(|station| station.receives_broadcast());
             any_takes_broadcast |= vehicle.takes_broadcast;
             let to_all = if vehicle.takes_broadcast { &[] } else { arriving.as_slice() };
             let to_all = to_all.iter().filter(|message| message.sender() != Some(id));

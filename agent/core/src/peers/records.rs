@@ -422,7 +422,7 @@ impl Records {
                 }
             }
             if is_longer {
-                // Whoever is in contact and has sent a young state may be silent for longer than before.
+                // A peer in contact whose state is young may be silent for longer than before.
                 affected.extend(self.known.without(self.all(Status::IN_CONTACT).both(self.all(Status::YOUNG))));
                 judged.extend(affected);
             }

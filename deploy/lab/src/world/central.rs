@@ -35,7 +35,7 @@ use skein_core::agent::Outputs;
 use skein_core::aircraft::Aircraft;
 use skein_core::formation::Workspace;
 use skein_core::formation::external::LawQuery;
-use skein_core::impairments::{Impairments, ReceiverPosition, StrangerNetwork};
+use skein_core::impairments::{Impairments, ReceiverPosition};
 use skein_core::outbox::Outbox;
 use skein_core::peers::{PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Command, Measurement};
@@ -287,11 +287,10 @@ impl Central {
     pub(super) fn frame(
         &mut self,
         now: LocalTime,
-        strangers: Option<&StrangerNetwork>,
+        arriving: Arriving<'_>,
         vehicles: &mut [Vehicle],
         take: &mut TakeOutputs<'_>,
     ) {
-        let arriving = Arriving { strangers, ..Arriving::default() };
         if self.read(now, vehicles) {
             for vehicle in vehicles.iter_mut() {
                 if let Some((outbox, ask)) = self.step(now, arriving, vehicle) {

@@ -82,6 +82,19 @@ fn reach() -> impl Strategy<Value = Vec<String>> {
     (graph, range).prop_map(|(graph, range)| [graph, range].concat())
 }
 
+/// Errors of the clocks of two vehicles.
+fn clocks() -> impl Strategy<Value = Vec<String>> {
+    let error = (1_u8..4, -3.0..3.0, prop_oneof![Just(0.0), -200.0..200.0]);
+    let wrong = prop::collection::vec(error, 1..3).prop_map(|errors| {
+        let keys = |(vehicle, offset_s, drift_ppm): (u8, f64, f64)| {
+            let of = format!("vehicle.{vehicle}.clock");
+            [format!("{of}_offset_s={offset_s:.3}"), format!("{of}_drift_ppm={drift_ppm:.1}")]
+        };
+        errors.into_iter().flat_map(keys).collect()
+    });
+    prop_oneof![3 => Just(Vec::new()), 1 => wrong]
+}
+
 /// Events that cut or delay links.
 fn link_event(vehicles: u8) -> impl Strategy<Value = String> {
     let ids = || prop::collection::btree_set(1..=vehicles, 1..4).prop_map(Vec::from_iter);
@@ -126,13 +139,14 @@ proptest! {
         particular in prop_oneof![Just(Vec::new()), link()],
         reach in reach(),
         law in prop_oneof![Just("ring"), Just("flock")],
+        clocks in clocks(),
     ) {
         let everywhere: Vec<String> = everywhere.into_iter().chain(reach).map(|key| format!("network.{key}")).collect();
         let of_link = format!("network.links=[{{ from = [1, 2], to = [2, 3], {} }}]", particular.join(", "));
         let mut sets = vec![format!("swarm.vehicles={vehicles}"), format!("seed={seed}"), format!("formation.law={law}"), events];
         sets.push("plant.model=point_mass".to_owned());
         sets.push("mission.steps=[{ hold_s = 10 }, { centre_ne_m = [60, 0] }, { land = true }]".to_owned());
-        sets.extend(everywhere);
+        sets.extend(everywhere.into_iter().chain(clocks));
         if !particular.is_empty() {
             sets.push(of_link);
         }
