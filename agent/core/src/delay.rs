@@ -225,7 +225,7 @@ impl RoundTripTable {
         let kept = || (0..).zip(&trips.0).filter(|(_, trip)| trip.is_valid(now));
         if self.keys.len() + ROUND_TRIPS_KEPT > self.keys.capacity() {
             // A little more than what is needed, and not twice as much.
-            let more = ROUND_TRIPS_KEPT + self.keys.len() / 8;
+            let more = ROUND_TRIPS_KEPT + self.keys.len() / 32;
             self.keys.reserve_exact(more);
             self.trips.reserve_exact(more);
         }

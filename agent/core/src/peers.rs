@@ -32,6 +32,7 @@
 //! one process that have received the same can share them ([`SharedRecords`]). What depends on this vehicle is here: its
 //! round trips, the peers near it, and that it is not a peer of its own.
 
+mod column;
 mod inbox;
 mod message;
 mod messages;
@@ -396,7 +397,10 @@ impl Peers {
 
     /// The same per sender; only senders with any.
     pub fn old_messages(&self) -> impl Iterator<Item = (VehicleId, u64)> {
-        self.records.peers().filter(|peer| peer.old > 0 && peer.id != self.own).map(|peer| (peer.id, peer.old.into()))
+        self.records
+            .peers()
+            .filter(|(id, peer)| peer.old > 0 && *id != self.own)
+            .map(|(id, peer)| (id, peer.old.into()))
     }
 
     /// Number of messages dropped because their sender is not in this swarm or claims to be this vehicle.

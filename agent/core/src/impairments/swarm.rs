@@ -475,7 +475,7 @@ impl SwarmNetwork {
                         receivers = receivers.without(twice);
                     }
                     match &message.at {
-                        Arrivals::Alike(at) => inbox.deliver(parcel, receivers.iter().map(|id| (id, *at)), serial),
+                        Arrivals::Alike(at) => inbox.deliver_together(parcel, receivers, *at, serial),
                         Arrivals::Spread(spread) => {
                             inbox.deliver(parcel, receivers.iter().map(|id| (id, spread.at(id))), serial);
                         }

@@ -11,11 +11,12 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use skein_common::frame::PositionNed;
+use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Header, Heartbeat, MessageOrder, Order};
-use skein_common::time::LocalTime;
+use skein_common::message::{Header, Heartbeat, Order};
+use skein_common::time::{LocalTime, SenderStamp};
 
+use super::column::{Column, NonZeroSlot, Slot, SlotIndex};
 use super::index;
 use super::message::ReceivedState;
 use super::peer::{Agreed, AgreementChange, KeptHeartbeat, Motion, Newest, StateArrival};
@@ -26,6 +27,7 @@ use crate::skew::Skew;
 #[derive(Clone, Debug)]
 pub struct SwarmInbox {
     plan: u64,
+    everyone: VehicleSet,
     senders: Vec<FromSender>,
     /// All that receivers have received in this frame.
     news: AllNews,
@@ -55,7 +57,7 @@ struct ReceiverClock {
 /// The messages of one sender.
 #[derive(Clone, Debug)]
 struct FromSender {
-    states: Column<ReceivedState>,
+    states: Column<SentMotion>,
     heartbeats: Column<SentHeartbeat>,
     /// The incarnation of its newest message, and whether there was an earlier one.
     incarnation: Option<Incarnation>,
@@ -68,6 +70,15 @@ struct FromSender {
     states_right_at: Vec<LocalTime>,
 }
 
+/// What receivers use of a state.
+#[derive(Clone, Copy, Debug)]
+struct SentMotion {
+    position: PositionNed,
+    velocity: VelocityNed,
+    heading_rad: f64,
+    stamp: SenderStamp,
+}
+
 #[derive(Clone, Copy, Debug)]
 struct SentHeartbeat {
     message: Heartbeat,
@@ -75,37 +86,13 @@ struct SentHeartbeat {
     needs_all: bool,
 }
 
-/// The messages of one kind from one sender that may still be needed, and the newest one at each receiver.
-#[derive(Clone, Debug)]
-struct Column<M> {
-    slots: Vec<Slot<M>>,
-    free: Vec<SlotIndex>,
-    /// The newest message at each receiver, and its arrival by the receiver's clock.
-    newest: Vec<Option<NonZeroSlot>>,
-    arrived_at: Vec<LocalTime>,
-}
-
-type SlotIndex = u16;
-/// The index of a slot and one.
-type NonZeroSlot = core::num::NonZeroU16;
-
-#[derive(Clone, Copy, Debug)]
-struct Slot<M> {
-    message: M,
-    order: MessageOrder,
-    sent_at: LocalTime,
-    /// Number of the deliveries that are still to come.
-    in_flight: u16,
-    /// [`SwarmInbox::travelled_m`] in the frame in which it was sent.
-    travelled_m: f64,
-}
-
 /// The correct time of an arrival, and the number of the delivery, which orders those of the same time.
 pub(super) type Turn = (LocalTime, u64);
 
-/// An arrival at the receiver with this index, at this time by its own clock.
+/// An arrival at a receiver, which has this index, at this time by its own clock.
 #[derive(Clone, Copy, Debug)]
 struct Arriving {
+    receiver: VehicleId,
     nth: usize,
     turn: Turn,
     at: LocalTime,
@@ -142,7 +129,7 @@ struct AllNews {
 }
 
 impl AllNews {
-    fn add(&mut self, Arriving { nth, turn, at }: Arriving, item: Item) {
+    fn add(&mut self, Arriving { nth, turn, at, .. }: Arriving, item: Item) {
         self.items.push(NewsItem { receiver: nth as u8, turn, at, item });
     }
 }
@@ -176,55 +163,6 @@ enum ParcelKind {
     Heartbeat,
 }
 
-impl<M: Copy> Column<M> {
-    fn new(receivers: usize) -> Self {
-        let (newest, arrived_at) = (vec![None; receivers], vec![LocalTime::ZERO; receivers]);
-        Self { slots: Vec::new(), free: Vec::new(), newest, arrived_at }
-    }
-
-    /// Puts a message into a slot.
-    fn put(&mut self, slot: Slot<M>) -> SlotIndex {
-        if self.free.is_empty() {
-            self.sweep();
-        }
-        if let Some(index) = self.free.pop() {
-            self.slots[usize::from(index)] = slot;
-            index
-        } else {
-            self.slots.push(slot);
-            (self.slots.len() - 1) as SlotIndex
-        }
-    }
-
-    /// Frees the slots of messages that are the newest at no receiver and will not be delivered. If they are few, more room is
-    /// made, so that the next sweep is some messages away.
-    fn sweep(&mut self) {
-        let mut is_needed: Vec<bool> = self.slots.iter().map(|slot| slot.in_flight > 0).collect();
-        self.newest.iter().flatten().for_each(|slot| is_needed[slot_index(*slot)] = true);
-        let unneeded = is_needed.iter().enumerate().filter(|(_, is_needed)| !**is_needed);
-        self.free.extend(unneeded.map(|(index, _)| index as SlotIndex));
-        const ROOM: usize = 3;
-        if let (Some(&any), true) = (self.slots.last(), self.free.len() < ROOM) {
-            let begin = self.slots.len();
-            self.slots.reserve_exact(ROOM);
-            self.slots.resize(begin + ROOM, any);
-            self.slots[begin..].iter_mut().for_each(|slot| slot.in_flight = 0);
-            self.free.extend((begin..self.slots.len()).map(|index| index as SlotIndex));
-        }
-    }
-
-    #[inline]
-    fn newest(&self, receiver: usize) -> Option<(&Slot<M>, LocalTime)> {
-        let slot = (*self.newest.get(receiver)?)?;
-        Some((&self.slots[slot_index(slot)], self.arrived_at[receiver]))
-    }
-}
-
-#[inline]
-fn slot_index(slot: NonZeroSlot) -> usize {
-    usize::from(slot.get() - 1)
-}
-
 impl FromSender {
     fn new(receivers: usize) -> Self {
         let (states, heartbeats) = (Column::new(receivers), Column::new(receivers));
@@ -247,36 +185,44 @@ impl FromSender {
 
     /// Whether a receiver may accept a message by its incarnation. The first one of a new incarnation makes the earlier ones
     /// void.
-    fn accepts_incarnation(&mut self, header: &Header, arrival: Arriving, news: &mut AllNews) -> bool {
+    fn accepts_incarnation(
+        &mut self,
+        sender: VehicleId,
+        new: Incarnation,
+        arrival: Arriving,
+        news: &mut AllNews,
+    ) -> bool {
         let Self { states, heartbeats, .. } = self;
         let nth = arrival.nth;
         let of_state = states.newest(nth).map(|(slot, _)| slot.order.incarnation);
         let before = of_state.max(heartbeats.newest(nth).map(|(slot, _)| slot.order.incarnation));
-        if before.is_some_and(|before| before < header.incarnation) {
-            (states.newest[nth], heartbeats.newest[nth]) = (None, None);
-            news.add(arrival, Item::Restarted(header.sender));
+        if before.is_some_and(|before| before < new) {
+            states.forget(nth);
+            heartbeats.forget(nth);
+            news.add(arrival, Item::Restarted(sender));
         }
-        before.is_none_or(|before| before <= header.incarnation)
+        before.is_none_or(|before| before <= new)
     }
 
     fn deliver_state(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = Arriving>, news: &mut AllNews) {
-        let Slot { order, message: ReceivedState { header, .. }, .. } = self.states.slots[usize::from(parcel.slot)];
-        let slot = NonZeroSlot::new(parcel.slot + 1);
+        let order = self.states.slot(parcel.slot).order;
+        self.states.note_delivery(parcel.slot);
         // Most receivers have the same message before this one.
         let mut compared = (None, true);
         for arrival in arrivals {
-            let Arriving { nth, turn, at } = arrival;
-            let is_current = !self.has_restarted || self.accepts_incarnation(&header, arrival, news);
-            let before = self.states.newest[nth];
+            let Arriving { nth, turn, at, .. } = arrival;
+            let is_current =
+                !self.has_restarted || self.accepts_incarnation(parcel.sender, order.incarnation, arrival, news);
+            let before = self.states.newest_slot(nth);
             if before != compared.0 {
-                let is_newer = before.is_none_or(|last| self.states.slots[slot_index(last)].order < order);
+                let is_newer = before.is_none_or(|last| self.states.numbered(last).order < order);
                 compared = (before, is_newer);
             }
             if !is_current || !compared.1 {
                 news.add(arrival, Item::Old(parcel.sender));
                 continue;
             }
-            (self.states.newest[nth], self.states.arrived_at[nth]) = (slot, at);
+            self.states.receive(nth, parcel.slot, at);
             if let Some(right_at) = self.states_right_at.get_mut(nth) {
                 *right_at = turn.0;
             }
@@ -284,30 +230,70 @@ impl FromSender {
         }
     }
 
+    /// Delivers a message by correct clocks to all receivers but these that need no more than their places in its column: most
+    /// messages reach nearly all, and most receivers have the same message before. Returns those that are left out now, or `None` if
+    /// the message goes to each by itself.
+    fn fill(&mut self, parcel: Parcel, left_out: VehicleSet, at: LocalTime, news: &mut AllNews) -> Option<VehicleSet> {
+        let Parcel { sender, kind, slot } = parcel;
+        if self.has_restarted {
+            return None;
+        }
+        let mut apart = left_out;
+        match kind {
+            ParcelKind::State => {
+                self.states.note_delivery(slot).then_some(())?;
+                self.states.fill(slot, apart, at);
+                note_all(&mut news.states, sender, apart);
+            }
+            ParcelKind::Heartbeat => {
+                let before = self.heartbeats.delivered()?;
+                let is_newest = self.heartbeats.note_delivery(slot);
+                let SentHeartbeat { message, needs_all } = &self.heartbeats.slot(slot).message;
+                let repeats = matches!(
+                    self.after(Some(before), slot),
+                    After::Newer { has_gap: false, change: AgreementChange::Nothing, .. }
+                );
+                if !(is_newest && repeats) || *needs_all {
+                    return None;
+                }
+                message.echo.iter().for_each(|echo| apart.insert(echo.of));
+                apart.extend(self.heartbeats.with_others(before));
+                self.heartbeats.fill(slot, apart, at);
+                note_all(&mut news.heartbeats, sender, apart);
+            }
+        }
+        Some(apart)
+    }
+
     fn deliver_heartbeat(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = Arriving>, news: &mut AllNews) {
-        let SentHeartbeat { message, needs_all } = &self.heartbeats.slots[usize::from(parcel.slot)].message;
-        let (header, needs_all) = (message.header, *needs_all);
+        self.heartbeats.note_delivery(parcel.slot);
+        let SentHeartbeat { message, needs_all } = &self.heartbeats.slot(parcel.slot).message;
+        let (incarnation, needs_all) = (message.header.incarnation, *needs_all);
         let echoed = message.echo.map(|echo| index(echo.of));
-        let slot = NonZeroSlot::new(parcel.slot + 1);
-        let mut compared = (None, After::Newer { has_gap: false, change: AgreementChange::Steps });
+        let mut compared = (None, After::first());
         for arrival in arrivals {
-            let Arriving { nth, at, .. } = arrival;
-            if self.has_restarted && !self.accepts_incarnation(&header, arrival, news) {
+            let Arriving { receiver, nth, at, .. } = arrival;
+            if self.has_restarted && !self.accepts_incarnation(parcel.sender, incarnation, arrival, news) {
                 news.add(arrival, Item::Old(parcel.sender));
                 continue;
             }
-            let before = self.heartbeats.newest[nth];
+            let before = self.heartbeats.newest_slot(nth);
             if before != compared.0 {
                 compared = (before, self.after(before, parcel.slot));
             }
             match compared.1 {
-                After::Newer { has_gap, change } => {
+                After::Newer { has_gap, change, concerned } => {
                     if has_gap {
                         self.gaps_at[nth] = at;
                     }
-                    (self.heartbeats.newest[nth], self.heartbeats.arrived_at[nth]) = (slot, at);
+                    self.heartbeats.receive(nth, parcel.slot, at);
                     news.heartbeats[nth].insert(parcel.sender);
-                    if needs_all || echoed == Some(nth) || change != AgreementChange::Nothing {
+                    let is_concerned = match change {
+                        AgreementChange::Nothing => false,
+                        AgreementChange::Lost => concerned.contains(receiver),
+                        AgreementChange::Steps => true,
+                    };
+                    if needs_all || echoed == Some(nth) || is_concerned {
                         news.add(arrival, Item::Heartbeat(parcel, change));
                     }
                 }
@@ -319,16 +305,24 @@ impl FromSender {
 
     /// Compares a heartbeat with the one in slot `before`, the newest of a receiver.
     fn after(&self, before: Option<NonZeroSlot>, slot: SlotIndex) -> After {
-        let Some(before) = before else { return After::Newer { has_gap: false, change: AgreementChange::Steps } };
-        let [last, new] = [slot_index(before), usize::from(slot)].map(|slot| &self.heartbeats.slots[slot]);
+        let Some(before) = before else { return After::first() };
+        let [last, new] = [self.heartbeats.numbered(before), self.heartbeats.slot(slot)];
         if last.order >= new.order {
             // A heartbeat is repeated to every agent that asks for it.
             return if last.order == new.order { After::Same } else { After::Older };
         }
         let [last_agreed, new_agreed] = [last, new].map(|slot| agreed(&slot.message.message));
         let change = last_agreed.change_to(&new_agreed);
-        After::Newer { has_gap: last.order.sequence + 1 < new.order.sequence, change }
+        let (before, now) = (last_agreed.lost, new_agreed.lost);
+        let concerned = before.without(now).either(now.without(before));
+        After::Newer { has_gap: last.order.sequence + 1 < new.order.sequence, change, concerned }
     }
+}
+
+fn state_slot(state: &ReceivedState, sent_at: LocalTime, travelled_m: f64) -> Slot<SentMotion> {
+    let &ReceivedState { header, position, velocity, heading_rad, .. } = state;
+    let message = SentMotion { position, velocity, heading_rad, stamp: header.stamp };
+    Slot { message, order: header.order(), sent_at, in_flight: 0, travelled_m }
 }
 
 /// An arrival at a receiver at this correct time.
@@ -336,15 +330,36 @@ impl FromSender {
 fn arriving(clocks: &[ReceiverClock], receiver: VehicleId, at: LocalTime, serial: u64) -> Arriving {
     let nth = index(receiver);
     let local_at = clocks.get(nth).map_or(at, |clock| clock.error.local_time(at));
-    Arriving { nth, turn: (at, serial), at: local_at }
+    Arriving { receiver, nth, turn: (at, serial), at: local_at }
+}
+
+/// Notes a sender at all receivers but these.
+fn note_all(at_receivers: &mut [VehicleSet], sender: VehicleId, left_out: VehicleSet) {
+    let (mut begin, count) = (0, at_receivers.len());
+    for end in left_out.iter().map(index).chain([count]) {
+        at_receivers[begin..end].iter_mut().for_each(|senders| senders.insert(sender));
+        begin = end + 1;
+    }
 }
 
 /// A heartbeat compared with the newest one of a receiver.
 #[derive(Clone, Copy, Debug)]
 enum After {
-    Newer { has_gap: bool, change: AgreementChange },
+    /// It is newer. If only the vehicles that its sender has lost change, this concerns those that were added or left out.
+    Newer {
+        has_gap: bool,
+        change: AgreementChange,
+        concerned: VehicleSet,
+    },
     Same,
     Older,
+}
+
+impl After {
+    /// The first one of its sender.
+    fn first() -> Self {
+        Self::Newer { has_gap: false, change: AgreementChange::Steps, concerned: VehicleSet::default() }
+    }
 }
 
 /// The agreement state of a sender, whose plan stays the same.
@@ -361,6 +376,7 @@ impl SwarmInbox {
         let news = AllNews { states: sets(), heartbeats: sets(), items: Vec::new() };
         Self {
             plan,
+            everyone: VehicleId::first(count).collect(),
             senders,
             news,
             orders: Vec::new(),
@@ -418,18 +434,16 @@ impl SwarmInbox {
             }
         }
         self.fastest_m_s = self.fastest_m_s.max(state.velocity.horizontal().norm());
-        let slot =
-            Slot { message: *state, order: state.header.order(), sent_at, in_flight: 0, travelled_m: self.travelled_m };
-        let slot = from.states.put(slot);
+        let slot = from.states.put(state_slot(state, sent_at, self.travelled_m));
         Parcel { sender, kind: ParcelKind::State, slot }
     }
 
     /// Puts a state into the inbox again, which a link has held back since then. How far its sender has come in the meantime is
     /// not known here.
     pub fn put_held_state(&mut self, state: &ReceivedState, held_since: LocalTime) -> Parcel {
-        let (sender, order) = (state.header.sender, state.header.order());
-        let slot = Slot { message: *state, order, sent_at: held_since, in_flight: 0, travelled_m: 0.0 };
-        Parcel { sender, kind: ParcelKind::State, slot: self.senders[index(sender)].states.put(slot) }
+        let sender = state.header.sender;
+        let slot = self.senders[index(sender)].states.put(state_slot(state, held_since, 0.0));
+        Parcel { sender, kind: ParcelKind::State, slot }
     }
 
     /// Puts a heartbeat into the inbox, before any receiver has it.
@@ -449,8 +463,8 @@ impl SwarmInbox {
     pub fn expect(&mut self, parcel: Parcel, deliveries: i16) {
         let from = &mut self.senders[index(parcel.sender)];
         let in_flight = match parcel.kind {
-            ParcelKind::State => &mut from.states.slots[usize::from(parcel.slot)].in_flight,
-            ParcelKind::Heartbeat => &mut from.heartbeats.slots[usize::from(parcel.slot)].in_flight,
+            ParcelKind::State => &mut from.states.slot_mut(parcel.slot).in_flight,
+            ParcelKind::Heartbeat => &mut from.heartbeats.slot_mut(parcel.slot).in_flight,
         };
         *in_flight = in_flight.wrapping_add_signed(deliveries);
     }
@@ -465,6 +479,16 @@ impl SwarmInbox {
             ParcelKind::State => from.deliver_state(parcel, arrivals, news),
             ParcelKind::Heartbeat => from.deliver_heartbeat(parcel, arrivals, news),
         }
+    }
+
+    /// Delivers a message to receivers that it reaches at the same time, as [`Self::deliver`] does.
+    pub fn deliver_together(&mut self, parcel: Parcel, receivers: VehicleSet, at: LocalTime, serial: u64) {
+        let from = &mut self.senders[index(parcel.sender)];
+        let is_filled = self.clocks.is_empty() && 2 * receivers.len() > self.everyone.len();
+        let left_out = self.everyone.without(receivers);
+        let apart = is_filled.then(|| from.fill(parcel, left_out, at, &mut self.news)).flatten();
+        let rest = apart.map_or(receivers, |apart| receivers.both(apart));
+        self.deliver(parcel, rest.iter().map(|id| (id, at)), serial);
     }
 
     /// The place of a message in a table of so many places for each vehicle: at one receiver, the order of arrival matters
@@ -493,7 +517,8 @@ impl SwarmInbox {
     pub fn forget(&mut self, receiver: VehicleId) {
         let nth = index(receiver);
         for from in &mut self.senders {
-            (from.states.newest[nth], from.heartbeats.newest[nth]) = (None, None);
+            from.states.forget(nth);
+            from.heartbeats.forget(nth);
             from.gaps_at[nth] = LocalTime::ZERO;
         }
         (self.news.states[nth], self.news.heartbeats[nth]) = Default::default();
@@ -503,7 +528,7 @@ impl SwarmInbox {
     /// Notes that a state arrives at its last receiver at this time.
     pub fn note_delay(&mut self, parcel: Parcel, last_at: LocalTime) {
         if parcel.kind == ParcelKind::State {
-            let stamp = self.senders[index(parcel.sender)].states.slots[usize::from(parcel.slot)].message.header.stamp;
+            let stamp = self.senders[index(parcel.sender)].states.slot(parcel.slot).message.stamp;
             let excess = Excess::new(last_at, since_stamp_s(last_at, stamp));
             self.largest_excess = Some(self.largest_excess.map_or(excess, |largest| largest.max(excess)));
         }
@@ -511,7 +536,7 @@ impl SwarmInbox {
 
     /// The heartbeat of an item of news.
     pub(super) fn heartbeat_of(&self, parcel: Parcel) -> &Heartbeat {
-        &self.senders[index(parcel.sender)].heartbeats.slots[usize::from(parcel.slot)].message.message
+        &self.senders[index(parcel.sender)].heartbeats.slot(parcel.slot).message.message
     }
 
     /// The order of an item of news.
@@ -545,8 +570,8 @@ impl SwarmInbox {
     #[inline]
     pub(super) fn motion(&self, sender: usize, receiver: usize) -> Option<Motion> {
         let (slot, at) = self.senders.get(sender)?.states.newest(receiver)?;
-        let ReceivedState { header, position, velocity, heading_rad, .. } = slot.message;
-        let excess = Excess::new(at, since_stamp_s(at, header.stamp));
+        let SentMotion { position, velocity, heading_rad, stamp } = slot.message;
+        let excess = Excess::new(at, since_stamp_s(at, stamp));
         Some(Motion { position, velocity, heading_rad, at, excess })
     }
 

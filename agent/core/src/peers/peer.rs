@@ -27,15 +27,13 @@ const ROUNDING_S: f64 = 1e-6;
 /// The judgement of one peer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Peer {
-    pub(super) id: VehicleId,
     pub(super) token: Option<bool>,
-    found: bool,
     /// The status after the last assessment.
     pub(super) status: Status,
     lost_at: MaybeTime,
     /// Whether it was lost by its silence alone: its token was there, and nothing was reported of the token since.
     lost_by_silence: bool,
-    /// When it was last found.
+    /// When it was last found; a time once it was in contact.
     found_at: MaybeTime,
     /// Number of its messages that were dropped because a newer one had been received.
     pub(super) old: u32,
@@ -238,17 +236,19 @@ impl Newest {
 }
 
 impl Peer {
-    pub(super) fn unknown(id: VehicleId) -> Self {
-        Self {
-            id,
-            token: None,
-            found: false,
-            lost_at: MaybeTime::NONE,
-            lost_by_silence: false,
-            found_at: MaybeTime::NONE,
-            old: 0,
-            status: Status::default(),
-        }
+    /// The judgement of a peer before any message of it.
+    pub(super) const UNKNOWN: Self = Self {
+        token: None,
+        lost_at: MaybeTime::NONE,
+        lost_by_silence: false,
+        found_at: MaybeTime::NONE,
+        old: 0,
+        status: Status(0),
+    };
+
+    /// Whether it has been in contact.
+    fn was_found(&self) -> bool {
+        self.found_at.get().is_some()
     }
 
     fn lost_at(&self) -> Option<LocalTime> {
@@ -265,8 +265,8 @@ impl Peer {
         self.old = self.old.saturating_add(1);
     }
 
-    /// Updates whether the peer is lost; returns a change to be reported.
-    pub(super) fn age(&mut self, newest: &Newest, judgement: &Judgement) -> Option<Change> {
+    /// Updates whether the peer with this id is lost; returns a change to be reported.
+    pub(super) fn age(&mut self, id: VehicleId, newest: &Newest, judgement: &Judgement) -> Option<Change> {
         let received_at = newest.received_at?;
         let now = judgement.now;
         let silent = Deadline::PeerLost(self.silent_s(newest, judgement)).is_past(now.seconds_since(received_at));
@@ -275,12 +275,11 @@ impl Peer {
             self.lost_at = MaybeTime(now);
             self.lost_by_silence = self.token != Some(false);
             // A peer that left the swarm on purpose is not reported as lost.
-            (newest.membership() != Membership::Left).then_some(Change::Lost(self.id))
-        } else if !gone && (self.lost_at().is_some() || !self.found) {
+            (newest.membership() != Membership::Left).then_some(Change::Lost(id))
+        } else if !gone && (self.lost_at().is_some() || !self.was_found()) {
             self.lost_at = MaybeTime::NONE;
-            self.found = true;
             self.found_at = MaybeTime(received_at);
-            Some(Change::Found(self.id))
+            Some(Change::Found(id))
         } else {
             None
         }
@@ -307,7 +306,8 @@ impl Peer {
     pub(super) fn assess(&self, newest: &Newest, judgement: &Judgement) -> Status {
         let Judgement { now, timeout, receives_all_states } = *judgement;
         let is_lost = self.lost_at().is_some();
-        let in_contact = self.found && !is_lost;
+        let was_found = self.was_found();
+        let in_contact = was_found && !is_lost;
         let active = newest.membership() == Membership::Active;
         let is_active_member = in_contact && active && newest.flies_same_plan();
         let in_sight = receives_all_states || self.is_in_sight(newest, judgement);
@@ -317,7 +317,7 @@ impl Peer {
         let lost_lately = self.lost_at().is_some_and(is_recent);
         let may_return = !has_left && lost_lately;
         Status::default()
-            .with(Status::FOUND, self.found)
+            .with(Status::FOUND, was_found)
             .with(Status::IN_CONTACT, in_contact)
             .with(Status::CORRESPONDS, !is_lost && newest.heartbeat.is_some())
             .with(Status::AGREES, !is_lost && newest.flies_same_plan())
@@ -325,7 +325,7 @@ impl Peer {
             .with(Status::SEEN, in_sight && newest.state.is_some())
             .with(Status::MEMBER, in_sight && !is_silent && !is_lost && active && newest.flies_same_plan())
             .with(Status::UNSEEN, !in_sight && is_active_member)
-            .with(Status::REMAINS, self.found && !has_left)
+            .with(Status::REMAINS, was_found && !has_left)
             .with(Status::MAY_RETURN, may_return)
             .with(Status::MAY_FLY, may_return && active)
             .with(Status::YOUNG, !is_silent)

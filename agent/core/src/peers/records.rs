@@ -218,7 +218,7 @@ impl Records {
         let before = core::mem::replace(&mut self.now, now).min(now);
         if self.first_update.is_none() {
             self.first_update = Some(now);
-            self.peers = VehicleId::first(self.roster.into()).map(Peer::unknown).collect();
+            self.peers = vec![Peer::UNKNOWN; self.roster.into()];
             self.peer_unchanged_until = vec![LocalTime::MAX; self.peers.len()];
             self.messages.prepare(self.peers.len());
         }
@@ -280,8 +280,8 @@ impl Records {
     }
 
     /// The records of all vehicles, by id.
-    pub(super) fn peers(&self) -> impl Iterator<Item = &Peer> {
-        self.peers.iter()
+    pub(super) fn peers(&self) -> impl Iterator<Item = (VehicleId, &Peer)> {
+        VehicleId::first(self.peers.len()).zip(&self.peers)
     }
 
     /// The newest state of a vehicle, if any was received.
@@ -440,7 +440,7 @@ impl Records {
             }
             let Some(newest) = &self.messages.newest(id) else { continue };
             let is_doubtful = peer.is_doubtful(&judgement);
-            let change = peer.age(newest, &judgement);
+            let change = peer.age(id, newest, &judgement);
             if is_doubtful && matches!(change, Some(Change::Found(_))) {
                 self.timeout.suspected_too_early(now);
                 self.suspected_too_early.insert(id);
@@ -503,7 +503,7 @@ impl Records {
                     return;
                 }
                 newest.state = Some(StateArrival { sequence, at });
-                let (id, was_young) = (peer.id, peer.status.contains(Status::YOUNG));
+                let (id, was_young) = (message.header.sender, peer.status.contains(Status::YOUNG));
                 let excess = Excess::new(at, since_stamp_s(at, message.header.stamp));
                 let ReceivedState { position, velocity, heading_rad, .. } = *message;
                 let motion = Motion { position, velocity, heading_rad, at, excess };
@@ -566,11 +566,10 @@ impl Records {
             newest.gap_at = Some(at);
         }
         let last = newest.heartbeat.replace(KeptHeartbeat { sequence, stamp, at, progress_m, agreement });
-        let id = peer.id;
         let change = last.map_or(AgreementChange::Steps, |last| last.agreement.change_to(&agreement));
         self.revision += u64::from(change == AgreementChange::Steps);
         self.note_contents(message, at);
-        self.arrived(id, at, change != AgreementChange::Nothing);
+        self.arrived(message.header.sender, at, change != AgreementChange::Nothing);
     }
 
     /// Keeps what a heartbeat contains beside the agreement state: an echo, an order, a plan that differs.
