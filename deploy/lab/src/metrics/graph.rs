@@ -111,14 +111,18 @@ impl Components {
         }
     }
 
+    /// The nodes of each component.
+    fn each(&self) -> impl Iterator<Item = &[usize]> {
+        let mut rest = self.nodes.as_slice();
+        self.sizes.iter().filter_map(move |size| rest.split_off(..*size))
+    }
+
     /// Mean over the nodes of the mean cosine between the own direction and those of all others in the component.
     ///
     /// Only nodes count that have a direction and share their component with another one that has.
     fn correlation(&self, direction: impl Fn(usize) -> Option<Vector3<f64>>) -> Option<f64> {
-        let (mut begin, mut all, mut cosines) = (0, 0.0, 0.0);
-        for size in &self.sizes {
-            let component = &self.nodes[begin..begin + size];
-            begin += size;
+        let (mut all, mut cosines) = (0.0, 0.0);
+        for component in self.each() {
             let directions = component.iter().filter_map(|&node| direction(node));
             let (count, sum) = directions.fold((0.0, Vector3::zeros()), |(count, sum), one| (count + 1.0, sum + one));
             if count > 1.0 {
@@ -132,8 +136,7 @@ impl Components {
     }
 }
 
-/// The second eigenvalue of the last graph: its computation takes the cube of the number of nodes, and a graph rarely
-/// changes from one second to the next.
+/// The second eigenvalue of the last graph: a graph rarely changes from one second to the next.
 #[derive(Debug, Default)]
 struct Spectrum {
     nodes: usize,
@@ -143,8 +146,7 @@ struct Spectrum {
 }
 
 impl Spectrum {
-    /// The result of the function [`second_eigenvalue`], without a computation for an unchanged graph and for a
-    /// complete one.
+    /// The result of the function [`second_eigenvalue`], without a computation for an unchanged graph.
     fn second_eigenvalue(&mut self, count: usize, joined: impl Fn(usize, usize) -> bool) -> f64 {
         let mut edges = vec![0_u64; (count * count.saturating_sub(1) / 2).div_ceil(64)];
         let pairs = (0..count).flat_map(|one| (0..one).map(move |other| (one, other)));
@@ -152,10 +154,7 @@ impl Spectrum {
             edges[nth / 64] |= u64::from(joined(one, other)) << (nth % 64);
         }
         if self.nodes != count || self.edges != edges {
-            let present: u32 = edges.iter().map(|edges| edges.count_ones()).sum();
-            let is_complete = present as usize == count * count.saturating_sub(1) / 2;
-            let second = if is_complete { count as f64 } else { second_eigenvalue(count, joined) };
-            *self = Self { nodes: count, edges, second };
+            *self = Self { nodes: count, edges, second: second_eigenvalue(count, joined) };
         }
         self.second
     }
@@ -163,19 +162,27 @@ impl Spectrum {
 
 /// Second-smallest eigenvalue of the graph's Laplacian (M. Fiedler, "Algebraic connectivity of graphs", Czechoslovak
 /// Mathematical Journal 23 (1973)): 0 if it is not connected, N if it is complete.
+///
+/// It is N minus the largest eigenvalue of the complement, which joins the nodes that the graph does not (R. Merris, "Laplacian
+/// matrices of graphs: a survey", Linear Algebra and its Applications 197 (1994)). The eigenvalues take the cube
+/// of the number of nodes, and the graph of a swarm is nearly complete: its complement falls into small components, and each
+/// has eigenvalues of its own.
 fn second_eigenvalue(count: usize, joined: impl Fn(usize, usize) -> bool) -> f64 {
-    let mut laplacian = DMatrix::<f64>::zeros(count, count);
-    for one in 0..count {
-        for other in (0..one).filter(|&other| joined(one, other)) {
-            laplacian[(one, other)] = -1.0;
-            laplacian[(other, one)] = -1.0;
-            laplacian[(one, one)] += 1.0;
-            laplacian[(other, other)] += 1.0;
-        }
+    let apart = |one: usize, other: usize| one != other && !joined(one, other);
+    let mut complement = Components::default();
+    complement.find(count, apart);
+    let largest = complement.each().map(|nodes| largest_eigenvalue(nodes, apart)).fold(0.0, f64::max);
+    (count as f64 - largest).max(0.0)
+}
+
+/// Largest eigenvalue of the Laplacian of a graph with these nodes.
+fn largest_eigenvalue(nodes: &[usize], joined: impl Fn(usize, usize) -> bool) -> f64 {
+    let edge = |row: usize, column: usize| if joined(nodes[row], nodes[column]) { -1.0 } else { 0.0 };
+    let mut laplacian = DMatrix::from_fn(nodes.len(), nodes.len(), edge);
+    for nth in 0..nodes.len() {
+        laplacian[(nth, nth)] = -laplacian.column(nth).sum();
     }
-    let mut eigenvalues: Vec<f64> = laplacian.symmetric_eigenvalues().iter().copied().collect();
-    eigenvalues.sort_unstable_by(f64::total_cmp);
-    eigenvalues.get(1).copied().unwrap_or(0.0).max(0.0)
+    laplacian.symmetric_eigenvalues().max()
 }
 
 #[cfg(test)]
