@@ -4,7 +4,7 @@
 //! the content of the answers, never on their timing.
 //!
 //! A silent law has neither a deadline nor a fallback, because both would depend on the speed of the PC. A law that
-//! sends nothing for `LAW_TIMEOUT` fails the run, and so does a law that ends. An invalid answer counts as an
+//! sends nothing for `LAW_TIMEOUT`, or for `CONNECT_TIMEOUT` from its start on, fails the run, and so does a law that ends. An invalid answer counts as an
 //! unanswered query.
 //!
 //! One set of laws serves one run at a time. It stays for the next run, which begins with a hello.
@@ -32,10 +32,9 @@ pub use local::{LawMaker, LocalLaws, LocalRun};
 use skein_host::clock::{now, sleep};
 pub use trial::Trial;
 
-/// A law that sends nothing for this long has failed, unless the pool has another timeout, s of wall clock.
-const LAW_TIMEOUT_S: u64 = 10;
-const LAW_TIMEOUT: Duration = Duration::from_secs(LAW_TIMEOUT_S);
-/// A law that connects or sends datagrams may start this much later than the study, s of wall clock.
+/// A law that sends nothing for this long has failed, unless the pool has another timeout, wall clock.
+const LAW_TIMEOUT: Duration = Duration::from_secs(10);
+/// A law may start this much later than the study, s of wall clock: a program with large libraries loads for long on a busy PC.
 const CONNECT_TIMEOUT_S: u64 = 60;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(CONNECT_TIMEOUT_S);
 /// A datagram without an answer is sent again after this time.
@@ -81,7 +80,7 @@ pub struct LawPool {
     programs: Arc<Mutex<Vec<Programs>>>,
     /// Faults about which a warning was printed.
     warned: Warned,
-    /// How long a program may send nothing, if not for [`LAW_TIMEOUT`].
+    /// How long a program may send nothing, in place of the times above.
     timeout: Option<Duration>,
     /// Makes laws in this process, instead of programs.
     local: Option<LawMaker>,
@@ -93,7 +92,7 @@ impl LawPool {
         Self { local: Some(maker), ..Self::default() }
     }
 
-    /// Programs that may send nothing for this long; without a value, for ten seconds of wall clock.
+    /// Programs that may send nothing for this long, wall clock; without a value, for ten seconds, and for a minute from their start on.
     pub fn with_timeout(timeout: Option<Duration>) -> Self {
         Self { timeout, ..Self::default() }
     }
@@ -121,7 +120,7 @@ impl LawPool {
             Some(laws) => laws,
             None => Programs::start(transport, scenario.ids(), self.warned.clone())?,
         };
-        laws.timeout = self.timeout.unwrap_or(LAW_TIMEOUT);
+        laws.timeout = self.timeout;
         laws.begin_run(scenario)?;
         Ok(Some(Laws::Programs(laws)))
     }
@@ -181,8 +180,8 @@ pub struct Programs {
     listener: Option<TcpListener>,
     hellos: Vec<Hello>,
     warned: Warned,
-    /// How long a law may send nothing.
-    timeout: Duration,
+    /// How long a law may send nothing, if that was set.
+    timeout: Option<Duration>,
     /// Whether each vehicle's agent has sent a query in this run.
     has_asked: BTreeMap<VehicleId, bool>,
 }
@@ -219,7 +218,7 @@ impl Programs {
             },
             hellos: Vec::new(),
             warned,
-            timeout: LAW_TIMEOUT,
+            timeout: None,
             has_asked: ids.map(|id| (id, false)).collect(),
             transport,
         };
@@ -382,7 +381,7 @@ impl Conversation {
     }
 
     /// Waits until the law has reported `times` times that it is ready. Answers before that belong to the last run.
-    fn wait_until_ready(&mut self, mut times: usize, timeout: Duration) -> Result<(), LawError> {
+    fn wait_until_ready(&mut self, mut times: usize, timeout: Option<Duration>) -> Result<(), LawError> {
         if self.session.uses_vectors() {
             return Ok(());
         }
@@ -403,7 +402,7 @@ impl Conversation {
     fn wait_for_answers(
         &mut self,
         mut open: Vec<&LawQuery>,
-        timeout: Duration,
+        timeout: Option<Duration>,
         mut give: impl FnMut(LawReply),
     ) -> Result<(), LawError> {
         let since = now();
@@ -456,25 +455,25 @@ impl Conversation {
     fn next(
         &mut self,
         since: Instant,
-        timeout: Duration,
+        timeout: Option<Duration>,
         awaited: &'static str,
     ) -> Result<Option<Result<MessageFromLaw, Fault>>, LawError> {
-        let (limit, for_s) = if self.session.uses_vectors() && !self.has_answered {
-            (CONNECT_TIMEOUT, CONNECT_TIMEOUT_S)
-        } else {
-            (timeout, timeout.as_secs())
-        };
+        let limit = limit(self.has_answered, self.session.uses_vectors(), timeout);
         let left = (since + limit).saturating_duration_since(now());
         if left.is_zero() {
+            let for_s = limit.as_secs();
             return Err(LawError::Silent { vehicle: self.first_vehicle(), for_s, awaited });
         }
         let timeout = if self.session.uses_vectors() { left.min(RESEND_AFTER) } else { left };
         match self.messages.recv_timeout(timeout) {
-            Ok(LawInput::Data(message)) if self.session.uses_vectors() => {
+            Ok(LawInput::Data(message)) => {
                 self.has_answered = true;
-                Ok(Some(vector::read(&message).map(MessageFromLaw::LawReply)))
+                Ok(Some(if self.session.uses_vectors() {
+                    vector::read(&message).map(MessageFromLaw::LawReply)
+                } else {
+                    protocol::read(&message)
+                }))
             }
-            Ok(LawInput::Data(line)) => Ok(Some(protocol::read(&line))),
             Ok(LawInput::TooLong) => Ok(Some(Err(Fault::TooLong))),
             Ok(LawInput::End) | Err(RecvTimeoutError::Disconnected) => Err(self.ended()),
             Err(RecvTimeoutError::Timeout) => Ok(None),
@@ -500,6 +499,16 @@ impl Conversation {
 
     fn ended(&mut self) -> LawError {
         LawError::Ended(self.first_vehicle(), self.session.how_it_ended())
+    }
+}
+
+/// How long a law may send nothing. A set time counts from the begin on, unless the law gets datagrams: it may be started later
+/// than the study.
+fn limit(has_answered: bool, gets_datagrams: bool, set: Option<Duration>) -> Duration {
+    match set {
+        Some(set) if has_answered || !gets_datagrams => set,
+        None if has_answered => LAW_TIMEOUT,
+        _ => CONNECT_TIMEOUT,
     }
 }
 

@@ -231,9 +231,9 @@ fn a_law_that_hangs_for_ten_seconds_fails_the_run() {
 }
 
 #[test]
-fn a_law_that_is_not_ready_after_ten_seconds_fails_the_run() {
+fn a_law_that_is_not_ready_a_minute_after_its_start_fails_the_run() {
     let _share = Share::of(60);
-    assert_fails(&Law::new("pass", "pass"), "has sent nothing for 10 s; the study waits for a ready");
+    assert_fails(&Law::new("pass", "pass"), "has sent nothing for 60 s; the study waits for a ready");
 }
 
 #[test]

@@ -60,9 +60,18 @@ impl Script {
             assert_eq!(answer.tick, tick);
             answered.push(answer.vehicle.get());
         };
-        self.conversation.wait_for_answers(asks.iter().collect(), LAW_TIMEOUT, give).unwrap();
+        self.conversation.wait_for_answers(asks.iter().collect(), None, give).unwrap();
         answered
     }
+}
+
+#[test]
+fn a_law_that_starts_has_more_time_than_one_that_has_answered() {
+    let set = Some(Duration::from_secs(2));
+    assert_eq!([false, true].map(|has_answered| limit(has_answered, false, None)), [CONNECT_TIMEOUT, LAW_TIMEOUT]);
+    assert_eq!([false, true].map(|has_answered| limit(has_answered, false, set)), [Duration::from_secs(2); 2]);
+    // A model that gets datagrams may be started by hand.
+    assert_eq!([false, true].map(|has_answered| limit(has_answered, true, set).as_secs()), [CONNECT_TIMEOUT_S, 2]);
 }
 
 #[test]
