@@ -6,6 +6,8 @@
 //!   measurement --> sensors ----------------------------------^
 //! ```
 //!
+//! In a study over an imperfect network the network of the whole swarm has the impairments, and the stations have none.
+//!
 //! Callers pass the correct time. The station applies the clock error that the scenario sets for this vehicle after the
 //! impairments, because the network is independent of a vehicle's clock.
 

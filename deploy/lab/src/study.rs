@@ -1,7 +1,7 @@
 //! `skein study`: many flights of one scenario in virtual time.
 //!
-//! The same agents as in real time, stepped in one thread over a simulated network. Seeds run in parallel and side by
-//! side; what comes out does not depend on how many at once.
+//! The same agents as in real time, over a simulated network. Seeds run in parallel and side by side, and a fleet in several
+//! threads; what comes out does not depend on how many at once.
 
 mod batch;
 mod command;
