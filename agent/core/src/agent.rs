@@ -141,11 +141,10 @@ impl Agent {
         let origin = Origin::new(scenario.origin.geodetic());
         let trim = with_hidden_error(aircraft.trim, scenario, own);
         let plan = scenario.plan_hash();
-        let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
         Ok(Self {
             estimator: Estimator::new(origin, &scenario.sensing),
             diagnosis: Diagnosis::new(scenario, aircraft),
-            peers: Peers::new(own, roster, plan, &scenario.network),
+            peers: Peers::new(own, scenario.roster(), plan, &scenario.network),
             strangers: Strangers::new(own),
             intents: Intents::new(scenario).map(Box::new),
             mission: Mission::new(scenario, own, aircraft.take_off_rotor_rad_s()),

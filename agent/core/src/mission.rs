@@ -161,7 +161,6 @@ impl Mission {
     /// `take_off_rotor_rad_s`, if the plant reports the rotor's speed.
     pub fn new(scenario: &Scenario, own: VehicleId, take_off_rotor_rad_s: Option<f64>) -> Self {
         let legs = plan::legs(&scenario.mission);
-        let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
         let last_step = legs.len().saturating_sub(1).min(message::MAX_STEP as usize) as u32;
         Self {
             own,
@@ -173,7 +172,7 @@ impl Mission {
             since: None,
             has_listened: false,
             activity: Activity::Joining,
-            agreement: Agreement::new(roster, last_step, scenario.mission.partition),
+            agreement: Agreement::new(scenario.roster(), last_step, scenario.mission.partition),
             followed: None,
             blocked: None,
             awaited: VehicleSet::default(),

@@ -107,6 +107,11 @@ impl Scenario {
         VehicleId::first(self.swarm.vehicles)
     }
 
+    /// Number of vehicles, which is the number of the last id too.
+    pub fn roster(&self) -> u8 {
+        self.swarm.vehicles.min(VehicleId::MAX.into()) as u8
+    }
+
     /// Settings of this vehicle; `None` if it is not in the swarm.
     pub fn vehicle(&self, id: VehicleId) -> Option<&Vehicle> {
         self.vehicle.iter().find(|vehicle| vehicle.id == id)

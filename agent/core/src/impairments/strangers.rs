@@ -76,7 +76,7 @@ impl StrangerNetwork {
     pub fn new(scenario: &Scenario) -> Self {
         let quality = Quality { bandwidth_bit_s: None, ..scenario.network.quality() };
         let range = Range::of(&scenario.network);
-        let count = scenario.swarm.vehicles.min(VehicleId::MAX.into());
+        let count = usize::from(scenario.roster());
         let random = || {
             let draws = Draws::new(scenario.seed);
             let numbers = Numbers::new(draws.all(), numbers::needed(|has| has(&quality)), count);

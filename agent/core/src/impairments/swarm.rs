@@ -108,7 +108,7 @@ impl SwarmNetwork {
             return None;
         }
         let everywhere = scenario.network.quality();
-        let count = scenario.swarm.vehicles.min(VehicleId::MAX.into());
+        let count = usize::from(scenario.roster());
         let sender = |from: VehicleId| {
             let others = scenario.ids().filter(|&id| id != from);
             let with_quality = others.map(|id| (id, scenario.network.link(from, id)));

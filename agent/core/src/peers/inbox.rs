@@ -230,9 +230,9 @@ impl FromSender {
         }
     }
 
-    /// Delivers a message by correct clocks to all receivers but these that need no more than their places in its column: most
-    /// messages reach nearly all, and most receivers have the same message before. Returns those that are left out now, or `None` if
-    /// the message goes to each by itself.
+    /// Delivers a message by correct clocks to all receivers that need no more than their places in its column, except those that
+    /// are left out: most messages reach nearly all, and most receivers have the same message before. Returns the receivers that
+    /// have not got it, or `None` if that is all of them.
     fn fill(&mut self, parcel: Parcel, left_out: VehicleSet, at: LocalTime, news: &mut AllNews) -> Option<VehicleSet> {
         let Parcel { sender, kind, slot } = parcel;
         if self.has_restarted {

@@ -132,8 +132,7 @@ impl Records {
 
     /// The records of a scenario's swarm before any message.
     pub(super) fn of(scenario: &Scenario) -> Self {
-        let roster = scenario.swarm.vehicles.min(VehicleId::MAX.into()) as u8;
-        Self::new(roster, scenario.plan_hash(), &scenario.network)
+        Self::new(scenario.roster(), scenario.plan_hash(), &scenario.network)
     }
 
     /// Becomes equal to other records except for what an update begins anew, in the memory of these.
