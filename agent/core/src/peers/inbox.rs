@@ -108,13 +108,11 @@ pub(super) struct News<'a> {
     pub(super) items: &'a [NewsItem],
 }
 
-/// An item of news, with its arrival.
+/// An item of news, with its arrival. When a swarm begins, each vehicle has one of every other: none may be large.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NewsItem {
-    receiver: u8,
     turn: Turn,
-    /// The time of its arrival by the receiver's clock.
-    pub(super) at: LocalTime,
+    receiver: u8,
     pub(super) item: Item,
 }
 
@@ -129,8 +127,8 @@ struct AllNews {
 }
 
 impl AllNews {
-    fn add(&mut self, Arriving { nth, turn, at, .. }: Arriving, item: Item) {
-        self.items.push(NewsItem { receiver: nth as u8, turn, at, item });
+    fn add(&mut self, Arriving { nth, turn, .. }: Arriving, item: Item) {
+        self.items.push(NewsItem { turn, receiver: nth as u8, item });
     }
 }
 
@@ -146,7 +144,7 @@ pub(super) enum Item {
     /// The liveliness token of a vehicle appeared or vanished.
     Token(VehicleId, bool),
     /// An operator's order, by its number in the frame ([`SwarmInbox::order`]).
-    Order(usize),
+    Order(u16),
 }
 
 /// A state or heartbeat in the inbox.
@@ -509,8 +507,12 @@ impl SwarmInbox {
 
     /// Delivers an operator's order.
     pub fn deliver_order(&mut self, order: Order, to: VehicleId, serial: u64, at: LocalTime) {
-        self.news.add(arriving(&self.clocks, to, at, serial), Item::Order(self.orders.len()));
-        self.orders.push(order);
+        // The same order to all receivers lies here once.
+        if self.orders.last() != Some(&order) {
+            self.orders.push(order);
+        }
+        let nth = (self.orders.len() - 1) as u16;
+        self.news.add(arriving(&self.clocks, to, at, serial), Item::Order(nth));
     }
 
     /// Forgets all that a receiver has received: its agent has ended.
@@ -540,8 +542,14 @@ impl SwarmInbox {
     }
 
     /// The order of an item of news.
-    pub(super) fn order(&self, nth: usize) -> Option<&Order> {
-        self.orders.get(nth)
+    pub(super) fn order(&self, nth: u16) -> Option<&Order> {
+        self.orders.get(usize::from(nth))
+    }
+
+    /// The time of an item's arrival by the receiver's clock.
+    pub(super) fn arrival(&self, news: &NewsItem) -> LocalTime {
+        let (at, _) = news.turn;
+        self.clocks.get(usize::from(news.receiver)).map_or(at, |clock| clock.error.local_time(at))
     }
 
     /// How far the states of all vehicles have come, and an excess of their delays at this receiver that is not exceeded.

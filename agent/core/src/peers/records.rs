@@ -207,7 +207,7 @@ impl Records {
         self.touched.extend(judged);
         (self.moved, self.arrived) = (states, arrived);
         for news in items {
-            self.take(inbox, &news.item, news.at);
+            self.take(inbox, &news.item, inbox.arrival(news));
         }
         self.known.extend(self.touched);
         self.end_update(before);
