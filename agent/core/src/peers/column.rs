@@ -16,7 +16,7 @@ pub(super) struct Column<M> {
     free: Vec<SlotIndex>,
     /// Number of receivers.
     count: usize,
-    places: Vec<Places>,
+    places: Vec<NewestAtSix>,
     /// The newest message that any receiver has received so far: its order, and its slot then.
     delivered: Option<(MessageOrder, NonZeroSlot)>,
 }
@@ -42,12 +42,12 @@ pub(super) struct Slot<M> {
 /// into the 64 bytes that a processor reads from memory at once.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-struct Places {
-    arrived_at: [LocalTime; Places::COUNT],
-    newest: [Option<NonZeroSlot>; Places::COUNT],
+struct NewestAtSix {
+    arrived_at: [LocalTime; NewestAtSix::COUNT],
+    newest: [Option<NonZeroSlot>; NewestAtSix::COUNT],
 }
 
-impl Places {
+impl NewestAtSix {
     const COUNT: usize = 6;
     const EMPTY: Self = Self { arrived_at: [LocalTime::ZERO; Self::COUNT], newest: [None; Self::COUNT] };
 }
@@ -61,7 +61,7 @@ fn slot_index(slot: NonZeroSlot) -> usize {
 impl<M: Copy> Column<M> {
     /// The column of a swarm with so many receivers, before any message.
     pub(super) fn new(count: usize) -> Self {
-        let places = vec![Places::EMPTY; count.div_ceil(Places::COUNT)];
+        let places = vec![NewestAtSix::EMPTY; count.div_ceil(NewestAtSix::COUNT)];
         Self { slots: Vec::new(), free: Vec::new(), count, places, delivered: None }
     }
 
@@ -112,14 +112,14 @@ impl<M: Copy> Column<M> {
     /// The newest message at a receiver, and its arrival.
     #[inline]
     pub(super) fn newest(&self, receiver: usize) -> Option<(&Slot<M>, LocalTime)> {
-        let (places, nth) = (self.places.get(receiver / Places::COUNT)?, receiver % Places::COUNT);
+        let (places, nth) = (self.places.get(receiver / NewestAtSix::COUNT)?, receiver % NewestAtSix::COUNT);
         Some((&self.slots[slot_index(places.newest[nth]?)], places.arrived_at[nth]))
     }
 
     /// The slot of the newest message at a receiver, plus one.
     #[inline]
     pub(super) fn newest_slot(&self, receiver: usize) -> Option<NonZeroSlot> {
-        self.places[receiver / Places::COUNT].newest[receiver % Places::COUNT]
+        self.places[receiver / NewestAtSix::COUNT].newest[receiver % NewestAtSix::COUNT]
     }
 
     /// The message with this number.
@@ -130,13 +130,13 @@ impl<M: Copy> Column<M> {
     /// Makes a message the newest one at a receiver.
     #[inline]
     pub(super) fn receive(&mut self, receiver: usize, slot: SlotIndex, at: LocalTime) {
-        let (places, nth) = (&mut self.places[receiver / Places::COUNT], receiver % Places::COUNT);
+        let (places, nth) = (&mut self.places[receiver / NewestAtSix::COUNT], receiver % NewestAtSix::COUNT);
         (places.newest[nth], places.arrived_at[nth]) = (NonZeroSlot::new(slot + 1), at);
     }
 
     /// Forgets what a receiver has received.
     pub(super) fn forget(&mut self, receiver: usize) {
-        self.places[receiver / Places::COUNT].newest[receiver % Places::COUNT] = None;
+        self.places[receiver / NewestAtSix::COUNT].newest[receiver % NewestAtSix::COUNT] = None;
     }
 
     /// The slot, plus one, of the newest message that any receiver has received so far.
@@ -156,11 +156,11 @@ impl<M: Copy> Column<M> {
 
     /// The receivers at which another message than this one is the newest.
     pub(super) fn with_others(&self, slot: NonZeroSlot) -> VehicleSet {
-        let alike = [Some(slot); Places::COUNT];
+        let alike = [Some(slot); NewestAtSix::COUNT];
         let mut others = VehicleSet::default();
         // At most receivers it is the newest.
         for (first, places) in
-            (0..).step_by(Places::COUNT).zip(&self.places).filter(|(_, places)| places.newest != alike)
+            (0..).step_by(NewestAtSix::COUNT).zip(&self.places).filter(|(_, places)| places.newest != alike)
         {
             let receivers = VehicleId::first(self.count).skip(first).zip(places.newest);
             receivers.filter(|(_, newest)| *newest != Some(slot)).for_each(|(id, _)| others.insert(id));
@@ -171,13 +171,13 @@ impl<M: Copy> Column<M> {
     /// Makes a message the newest one at all receivers but these.
     pub(super) fn fill(&mut self, slot: SlotIndex, left_out: VehicleSet, at: LocalTime) {
         let slot = NonZeroSlot::new(slot + 1);
-        let all = Places { arrived_at: [at; Places::COUNT], newest: [slot; Places::COUNT] };
+        let all = NewestAtSix { arrived_at: [at; NewestAtSix::COUNT], newest: [slot; NewestAtSix::COUNT] };
         let mut left_out = left_out.iter().map(index).peekable();
-        for (end, places) in (Places::COUNT..).step_by(Places::COUNT).zip(&mut self.places) {
+        for (end, places) in (NewestAtSix::COUNT..).step_by(NewestAtSix::COUNT).zip(&mut self.places) {
             let before = *places;
             *places = all;
             while let Some(receiver) = left_out.next_if(|receiver| *receiver < end) {
-                let nth = receiver % Places::COUNT;
+                let nth = receiver % NewestAtSix::COUNT;
                 (places.newest[nth], places.arrived_at[nth]) = (before.newest[nth], before.arrived_at[nth]);
             }
         }

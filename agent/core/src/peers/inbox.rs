@@ -70,7 +70,7 @@ struct FromSender {
     states_right_at: Vec<LocalTime>,
 }
 
-/// What receivers use of a state.
+/// The part of a state that receivers use.
 #[derive(Clone, Copy, Debug)]
 struct SentMotion {
     position: PositionNed,
