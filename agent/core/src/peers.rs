@@ -37,6 +37,7 @@ mod inbox;
 mod message;
 mod messages;
 mod near;
+mod news;
 mod peer;
 mod recent;
 mod records;
@@ -56,7 +57,8 @@ use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
 use crate::delay::{DelayBase, Exchange, MessageDelay, RoundTripTable};
-pub use inbox::{Parcel, SwarmInbox};
+pub use column::Parcel;
+pub use inbox::SwarmInbox;
 pub use message::{PeerMessage, Received, ReceivedState};
 use near::{Extrapolated, NearList};
 use peer::{Agreed, KeptHeartbeat, Motion, Status, standing};

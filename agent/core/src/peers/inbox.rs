@@ -16,9 +16,10 @@ use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Header, Heartbeat, Order};
 use skein_common::time::{LocalTime, SenderStamp};
 
-use super::column::{Column, NonZeroSlot, Slot, SlotIndex};
+use super::column::{Column, Parcel, ParcelKind, Slot, SlotIndex};
 use super::index;
 use super::message::ReceivedState;
+use super::news::{AllNews, Arriving, Item, News, NewsItem};
 use super::peer::{Agreed, AgreementChange, KeptHeartbeat, Motion, Newest, StateArrival};
 use crate::delay::{Excess, since_stamp_s};
 use crate::skew::Skew;
@@ -86,81 +87,6 @@ struct SentHeartbeat {
     needs_all: bool,
 }
 
-/// The correct time of an arrival, and the number of the delivery, which orders those of the same time.
-pub(super) type Turn = (LocalTime, u64);
-
-/// An arrival at a receiver, which has this index, at this time by its own clock.
-#[derive(Clone, Copy, Debug)]
-struct Arriving {
-    receiver: VehicleId,
-    nth: usize,
-    turn: Turn,
-    at: LocalTime,
-}
-
-/// All that one receiver has received in a frame.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct News<'a> {
-    /// The senders of states and of heartbeats that were accepted.
-    pub(super) states: VehicleSet,
-    pub(super) heartbeats: VehicleSet,
-    /// All that needs more, in the order of arrival.
-    pub(super) items: &'a [NewsItem],
-}
-
-/// An item of news, with its arrival. When a swarm begins, each vehicle has one of every other: none may be large.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct NewsItem {
-    turn: Turn,
-    receiver: u8,
-    pub(super) item: Item,
-}
-
-/// The news of all receivers in a frame.
-#[derive(Clone, Debug)]
-struct AllNews {
-    /// The senders of accepted states and heartbeats, for each receiver.
-    states: Vec<VehicleSet>,
-    heartbeats: Vec<VehicleSet>,
-    /// By receiver once they are sorted.
-    items: Vec<NewsItem>,
-}
-
-impl AllNews {
-    fn add(&mut self, Arriving { nth, turn, .. }: Arriving, item: Item) {
-        self.items.push(NewsItem { turn, receiver: nth as u8, item });
-    }
-}
-
-/// An item of news.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Item {
-    /// The sender has begun a new incarnation.
-    Restarted(VehicleId),
-    /// A heartbeat that was accepted ([`SwarmInbox::heartbeat_of`]), and what of its sender's agreement state it changes.
-    Heartbeat(Parcel, AgreementChange),
-    /// A message that was dropped because a newer one had been received.
-    Old(VehicleId),
-    /// The liveliness token of a vehicle appeared or vanished.
-    Token(VehicleId, bool),
-    /// An operator's order, by its number in the frame ([`SwarmInbox::order`]).
-    Order(u16),
-}
-
-/// A state or heartbeat in the inbox.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Parcel {
-    sender: VehicleId,
-    kind: ParcelKind,
-    slot: SlotIndex,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ParcelKind {
-    State,
-    Heartbeat,
-}
-
 impl FromSender {
     fn new(receivers: usize) -> Self {
         let (states, heartbeats) = (Column::new(receivers), Column::new(receivers));
@@ -213,7 +139,7 @@ impl FromSender {
                 !self.has_restarted || self.accepts_incarnation(parcel.sender, order.incarnation, arrival, news);
             let before = self.states.newest_slot(nth);
             if before != compared.0 {
-                let is_newer = before.is_none_or(|last| self.states.numbered(last).order < order);
+                let is_newer = before.is_none_or(|last| self.states.slot(last).order < order);
                 compared = (before, is_newer);
             }
             if !is_current || !compared.1 {
@@ -241,7 +167,7 @@ impl FromSender {
             ParcelKind::State => {
                 self.states.note_delivery(slot).then_some(())?;
                 self.states.fill(slot, apart, at);
-                note_all(&mut news.states, sender, apart);
+                AllNews::note_all(&mut news.states, sender, apart);
             }
             ParcelKind::Heartbeat => {
                 let before = self.heartbeats.delivered()?;
@@ -257,7 +183,7 @@ impl FromSender {
                 message.echo.iter().for_each(|echo| apart.insert(echo.of));
                 apart.extend(self.heartbeats.with_others(before));
                 self.heartbeats.fill(slot, apart, at);
-                note_all(&mut news.heartbeats, sender, apart);
+                AllNews::note_all(&mut news.heartbeats, sender, apart);
             }
         }
         Some(apart)
@@ -302,9 +228,9 @@ impl FromSender {
     }
 
     /// Compares a heartbeat with the one in slot `before`, the newest of a receiver.
-    fn after(&self, before: Option<NonZeroSlot>, slot: SlotIndex) -> After {
+    fn after(&self, before: Option<SlotIndex>, slot: SlotIndex) -> After {
         let Some(before) = before else { return After::first() };
-        let [last, new] = [self.heartbeats.numbered(before), self.heartbeats.slot(slot)];
+        let [last, new] = [self.heartbeats.slot(before), self.heartbeats.slot(slot)];
         if last.order >= new.order {
             // A heartbeat is repeated to every agent that asks for it.
             return if last.order == new.order { After::Same } else { After::Older };
@@ -329,15 +255,6 @@ fn arriving(clocks: &[ReceiverClock], receiver: VehicleId, at: LocalTime, serial
     let nth = index(receiver);
     let local_at = clocks.get(nth).map_or(at, |clock| clock.error.local_time(at));
     Arriving { receiver, nth, turn: (at, serial), at: local_at }
-}
-
-/// Notes a sender at all receivers but these.
-fn note_all(at_receivers: &mut [VehicleSet], sender: VehicleId, left_out: VehicleSet) {
-    let (mut begin, count) = (0, at_receivers.len());
-    for end in left_out.iter().map(index).chain([count]) {
-        at_receivers[begin..end].iter_mut().for_each(|senders| senders.insert(sender));
-        begin = end + 1;
-    }
 }
 
 /// A heartbeat compared with the newest one of a receiver.
@@ -370,13 +287,11 @@ impl SwarmInbox {
     pub fn new(roster: u8, plan: u64) -> Self {
         let count = usize::from(roster);
         let senders = (0..count).map(|_| FromSender::new(count)).collect();
-        let sets = || vec![VehicleSet::default(); count];
-        let news = AllNews { states: sets(), heartbeats: sets(), items: Vec::new() };
         Self {
             plan,
             everyone: VehicleId::first(count).collect(),
             senders,
-            news,
+            news: AllNews::new(count),
             orders: Vec::new(),
             travelled_m: 0.0,
             longest_way_m: 0.0,
@@ -404,18 +319,12 @@ impl SwarmInbox {
     pub fn begin_frame(&mut self) {
         self.travelled_m += core::mem::take(&mut self.longest_way_m);
         self.orders.clear();
-        let AllNews { states, heartbeats, items } = &mut self.news;
-        [states, heartbeats].into_iter().for_each(|sets| sets.fill(VehicleSet::default()));
-        items.clear();
-        // The first frames have much more news than all others.
-        items.shrink_to(4 * self.senders.len());
+        self.news.begin_frame();
     }
 
     /// Orders the news of the frame by receiver and arrival.
     pub fn sort_news(&mut self) {
-        // A new incarnation begins before the message that shows it.
-        let order = |news: &NewsItem| (news.receiver, news.turn, !matches!(news.item, Item::Restarted(_)));
-        self.news.items.sort_unstable_by_key(order);
+        self.news.sort();
     }
 
     /// Puts a state into the inbox, before any receiver has it.
@@ -523,8 +432,7 @@ impl SwarmInbox {
             from.heartbeats.forget(nth);
             from.gaps_at[nth] = LocalTime::ZERO;
         }
-        (self.news.states[nth], self.news.heartbeats[nth]) = Default::default();
-        self.news.items.retain(|item| usize::from(item.receiver) != nth);
+        self.news.forget(nth);
     }
 
     /// Notes that a state arrives at its last receiver at this time.
@@ -568,10 +476,7 @@ impl SwarmInbox {
 
     /// All that this vehicle has received in this frame.
     pub(super) fn news(&self, receiver: usize) -> News<'_> {
-        let AllNews { states, heartbeats, items, .. } = &self.news;
-        let begin = items.partition_point(|item| usize::from(item.receiver) < receiver);
-        let count = items[begin..].partition_point(|item| usize::from(item.receiver) == receiver);
-        News { states: states[receiver], heartbeats: heartbeats[receiver], items: &items[begin..begin + count] }
+        self.news.of(receiver)
     }
 
     /// The newest state of a sender at a receiver.

@@ -11,10 +11,11 @@ use skein_common::message::{Echo, Header, Heartbeat, Order, StandingOrders, Verb
 use skein_common::scenario::{Graph, Network, Scenario};
 use skein_common::time::LocalTime;
 
-use super::inbox::{Item, News, SwarmInbox};
+use super::inbox::SwarmInbox;
 use super::message::{PeerMessage, ReceivedState};
 use super::messages::Messages;
 use super::near::Travel;
+use super::news::{Item, News};
 use super::peer::{
     Agreed, AgreementChange, FRESH_S, Judgement, KeptHeartbeat, Motion, Newest, Peer, StateArrival, Status,
 };
