@@ -156,7 +156,7 @@ pub const FLEET_FIGURES: [Figure; 6] = [
     figure("across_separation_m", "m", Some(Less), "least distance of two teams' vehicles", "Least distance of two vehicles of different teams that are both above 2 m. `nearest_across` names them."),
     figure("across_collisions", "pairs", Some(More), "pairs of two teams nearer than 2 m", "Pairs of vehicles of different teams, both above 2 m, that came nearer than 2 m; `collisions` counts them too."),
     figure("stranger_states", "messages", Some(More), "states sent from other teams", "States of other teams that were sent to vehicles of the fleet, before loss, delay and range."),
-    figure("surrounded_messages_per_s", "messages/s", Some(More), "messages received in a crowd", "Messages that a vehicle receives in a second, states and heartbeats of its team and states of others, as a mean over the vehicles with a vehicle in each of their nine cells."),
+    figure("surrounded_messages_per_s", "messages/s", Some(More), "messages received in a crowd", "Messages that are sent to a vehicle in a second, states and heartbeats of its team and states of others, before loss, as a mean over the vehicles with a vehicle in each of their nine cells."),
     figure("surrounded_bytes_per_s", "bytes/s", Some(More), "payload received in a crowd", "Payload of the messages of `surrounded_messages_per_s` in a second."),
 ];
 
