@@ -8,15 +8,17 @@ mod steady_clock;
 
 use alloc::boxed::Box;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
+
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Drops, EventKind, Failure, Order, SimulatorFault, StandingOrders, Standstill};
 use skein_common::scenario::{Scenario, Setting};
 use skein_common::state::{Activity, Membership};
-use skein_common::time::{Now, PlantTime};
+use skein_common::time::{LocalTime, Now, PlantTime};
 
 use crate::aircraft::Aircraft;
 use crate::control::{Controller, Rules, Trim};
@@ -180,6 +182,12 @@ impl Agent {
     /// Lets go of the inbox after a step ([`Peers::release_inbox`]).
     pub fn release_inbox(&mut self) {
         self.peers.release_inbox();
+    }
+
+    /// The times, by the own clock without its jumps, between which messages arrive that the step takes in which the clock shows
+    /// `reading`.
+    pub fn step_at(&self, reading: LocalTime) -> Range<LocalTime> {
+        self.clock.step_at(reading)
     }
 
     /// Time from the sending to the arrival of a peer's newest state, s, where the inbox of the swarm knows it.

@@ -1,5 +1,7 @@
 //! The error of a vehicle's clock that a scenario sets.
 
+use core::ops::Range;
+
 use skein_common::id::VehicleId;
 use skein_common::scenario::Scenario;
 use skein_common::time::LocalTime;
@@ -63,6 +65,35 @@ impl Skew {
     /// Whether the clock is correct.
     pub fn is_zero(self) -> bool {
         self == Self::default()
+    }
+}
+
+/// A vehicle's clock at the arrivals of messages that one step of its agent takes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ArrivalClock {
+    error: Skew,
+    /// The last step and this one, by the clock without its jumps.
+    from: LocalTime,
+    until: LocalTime,
+}
+
+impl ArrivalClock {
+    /// The clock with this error, for a step that takes what has arrived between these two times by the clock without its jumps.
+    pub fn new(error: Skew, step: Range<LocalTime>) -> Self {
+        Self { error, from: step.start.min(step.end), until: step.end }
+    }
+
+    /// Time of an arrival at this correct time. Whatever the clock shows after a jump, the message arrives between the two steps.
+    #[inline]
+    pub fn at(&self, right: LocalTime) -> LocalTime {
+        self.error.local_time(right).clamp(self.from, self.until)
+    }
+
+    /// The most by which an arrival since the last step can be ahead of a correct clock that reads `right` in this one, s.
+    pub fn ahead_at_most_s(&self, right: LocalTime) -> f64 {
+        let has_jumped = self.error.local_time(right) != self.until;
+        let since_last_s = if has_jumped { self.until.seconds_since(self.from) } else { 0.0 };
+        self.until.seconds_since(right) + since_last_s
     }
 }
 

@@ -31,7 +31,7 @@ use crate::intent::ReceivedIntent;
 use crate::peers::{Broadcast, Received};
 use crate::plant::{GroundTruth, Measurement, PlantStatus};
 use crate::sensors::Sensors;
-use crate::skew::Skew;
+use crate::skew::{ArrivalClock, Skew};
 use crate::strangers::{KnownStrangers, StrangerState};
 
 /// Clock data that survive a restart of the agent: the clock's error and the time of take-off.
@@ -65,11 +65,6 @@ impl Clocks {
     /// Reading of the vehicle's clock when the correct clock reads `right`.
     pub fn local_time(&self, right: LocalTime) -> LocalTime {
         self.skew.local_time(right)
-    }
-
-    /// The error of the vehicle's clock.
-    pub fn skew(&self) -> Skew {
-        self.skew
     }
 
     /// Time since the vehicle's take-off, including earlier agents, s: the time base of scripted events. `None` before
@@ -210,6 +205,11 @@ impl Station {
     /// Lets go of the inbox after a step, so that the next frame's messages can be put into it.
     pub fn release_inbox(&mut self) {
         self.agent.release_inbox();
+    }
+
+    /// The clock by which the messages arrive that the step at this correct time takes.
+    pub fn arrival_clock(&self, right: LocalTime) -> ArrivalClock {
+        ArrivalClock::new(self.clocks.skew, self.agent.step_at(self.clocks.local_time(right)))
     }
 
     /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass

@@ -201,6 +201,7 @@ impl World {
         self.faults.clear();
         self.faults.append(&mut self.pending_faults);
         let now = self.now();
+        self.vehicles.iter_mut().for_each(|vehicle| vehicle.let_clock_jump(now));
         self.deliver(now);
         self.follow_script(now);
         self.intents.clear();
@@ -397,7 +398,12 @@ impl World {
                 flown_s: vehicle.clocks().flown_s(now),
                 position: vehicle.agent().and_then(Agent::position),
             }));
-            network.set_clocks(now, vehicles.iter().map(|vehicle| vehicle.clocks().skew()));
+            network.set_clocks(
+                now,
+                vehicles.iter().map(|vehicle| {
+                    vehicle.station.as_ref().map(|station| station.arrival_clock(now)).unwrap_or_default()
+                }),
+            );
             network.deliver(now, to_one, arriving);
             to_one.clear();
             return;
@@ -430,7 +436,6 @@ impl World {
                     ScriptedAction::Kill => self.end(index),
                     ScriptedAction::Restart => self.restart(index),
                     ScriptedAction::Fail(what) => self.pending_faults.push(InjectedFault::Failed(id, what)),
-                    ScriptedAction::Jump(by_s) => self.vehicles[index].clock_jumps(now, by_s),
                     ScriptedAction::Link(change, sender) => changes.add(change, (sender, id)),
                 }
             }

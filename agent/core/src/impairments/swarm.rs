@@ -24,7 +24,7 @@ use super::draw::{Draw, Draws, MessageKey};
 use super::numbers::{self, Numbers};
 use super::{Delivery, Impairments, ReceiverPosition};
 use crate::peers::{Parcel, PeerMessage, Received, SwarmInbox};
-use crate::skew::Skew;
+use crate::skew::{ArrivalClock, Skew};
 use flight::{Arrivals, Batch, Content, OnItsWay, Spread, received_twice};
 use graph::SwarmGraph;
 use places::Places;
@@ -93,18 +93,17 @@ impl Reach {
 
 impl SwarmNetwork {
     /// The network of a scenario that flies in frames of this length, ns. `None` if every message arrives at once by correct
-    /// clocks; under a central controller, whose agents exchange their messages within one computer; and if a clock jumps, because
-    /// its agent alone knows what counts as the time of an arrival then.
+    /// clocks, and under a central controller, whose agents exchange their messages within one computer.
     pub fn new(scenario: &Scenario, frame_ns: u64) -> Option<Self> {
         let first = scenario.ids().next()?;
         let has_event = |is_it: fn(&Fault) -> bool| {
             scenario.mission.events.iter().any(|event| matches!(&event.what, EventAction::Fault(fault) if is_it(fault)))
         };
         let has_events = has_event(|fault| matches!(fault, Fault::Cut { .. } | Fault::Delay { .. }));
-        let has_wrong_clocks = scenario.ids().any(|id| !Skew::new(scenario, id).is_zero());
-        let is_perfect = !has_events && !has_wrong_clocks && Impairments::new(scenario, first).is_perfect();
         let has_jumps = has_event(|fault| matches!(fault, Fault::ClockJump { .. }));
-        if is_perfect || has_jumps || scenario.control.mode == ControlMode::Central {
+        let has_wrong_clocks = has_jumps || scenario.ids().any(|id| !Skew::new(scenario, id).is_zero());
+        let is_perfect = !has_events && !has_wrong_clocks && Impairments::new(scenario, first).is_perfect();
+        if is_perfect || scenario.control.mode == ControlMode::Central {
             return None;
         }
         let everywhere = scenario.network.quality();
@@ -186,10 +185,10 @@ impl SwarmNetwork {
         self.receivers.iter_mut().zip(receivers).for_each(|(receiver, own)| receiver.flown_s = own.flown_s);
     }
 
-    /// Sets the errors of the vehicles' clocks, by id. `now` is the correct time.
-    pub fn set_clocks(&mut self, now: LocalTime, errors: impl Iterator<Item = Skew>) {
+    /// Sets the vehicles' clocks, by id. `now` is the correct time.
+    pub fn set_clocks(&mut self, now: LocalTime, clocks: impl Iterator<Item = ArrivalClock>) {
         if self.has_wrong_clocks {
-            Arc::make_mut(&mut self.inbox).set_clocks(now, errors);
+            Arc::make_mut(&mut self.inbox).set_clocks(now, clocks);
         }
     }
 

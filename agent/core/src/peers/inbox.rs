@@ -22,7 +22,7 @@ use super::message::ReceivedState;
 use super::news::{AllNews, Arriving, Item, News, NewsItem};
 use super::peer::{Agreed, AgreementChange, KeptHeartbeat, Motion, Newest, StateArrival};
 use crate::delay::{Excess, since_stamp_s};
-use crate::skew::Skew;
+use crate::skew::ArrivalClock;
 
 /// The newest messages of all senders at all receivers.
 #[derive(Clone, Debug)]
@@ -50,8 +50,8 @@ pub struct SwarmInbox {
 /// The clock of a receiver.
 #[derive(Clone, Copy, Debug)]
 struct ReceiverClock {
-    error: Skew,
-    /// The most by which it has been ahead of a correct clock so far, s.
+    arrivals: ArrivalClock,
+    /// The most by which an arrival has been ahead of a correct clock so far, s.
     ahead_s: f64,
 }
 
@@ -253,7 +253,7 @@ fn state_slot(state: &ReceivedState, sent_at: LocalTime, travelled_m: f64) -> Sl
 #[inline]
 fn arriving(clocks: &[ReceiverClock], receiver: VehicleId, at: LocalTime, serial: u64) -> Arriving {
     let nth = index(receiver);
-    let local_at = clocks.get(nth).map_or(at, |clock| clock.error.local_time(at));
+    let local_at = clocks.get(nth).map_or(at, |clock| clock.arrivals.at(at));
     Arriving { receiver, nth, turn: (at, serial), at: local_at }
 }
 
@@ -301,17 +301,16 @@ impl SwarmInbox {
         }
     }
 
-    /// Sets the errors of the receivers' clocks, by id, of which any may be wrong. `now` is the correct time, by which everything
-    /// is delivered until the next call.
-    pub fn set_clocks(&mut self, now: LocalTime, errors: impl Iterator<Item = Skew>) {
+    /// Sets the clocks of the receivers, by id, of which any may be wrong. `now` is the correct time, by which everything is
+    /// delivered until the next call.
+    pub fn set_clocks(&mut self, now: LocalTime, clocks: impl Iterator<Item = ArrivalClock>) {
         let count = self.senders.len();
         if self.clocks.is_empty() {
-            self.clocks = vec![ReceiverClock { error: Skew::default(), ahead_s: f64::NEG_INFINITY }; count];
+            self.clocks = vec![ReceiverClock { arrivals: ArrivalClock::default(), ahead_s: f64::NEG_INFINITY }; count];
             self.senders.iter_mut().for_each(|from| from.states_right_at = vec![LocalTime::ZERO; count]);
         }
-        for (clock, error) in self.clocks.iter_mut().zip(errors) {
-            let ahead_s = error.local_time(now).seconds_since(now);
-            *clock = ReceiverClock { error, ahead_s: ahead_s.max(clock.ahead_s) };
+        for (clock, arrivals) in self.clocks.iter_mut().zip(clocks) {
+            *clock = ReceiverClock { arrivals, ahead_s: arrivals.ahead_at_most_s(now).max(clock.ahead_s) };
         }
     }
 
@@ -457,7 +456,7 @@ impl SwarmInbox {
     /// The time of an item's arrival by the receiver's clock.
     pub(super) fn arrival(&self, news: &NewsItem) -> LocalTime {
         let (at, _) = news.turn;
-        self.clocks.get(usize::from(news.receiver)).map_or(at, |clock| clock.error.local_time(at))
+        self.clocks.get(usize::from(news.receiver)).map_or(at, |clock| clock.arrivals.at(at))
     }
 
     /// How far the states of all vehicles have come, and an excess of their delays at this receiver that is not exceeded.

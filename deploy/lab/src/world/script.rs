@@ -23,8 +23,6 @@ pub(super) enum ScriptedAction {
     Restart,
     /// A part of the vehicle fails; the plant's script carries it out.
     Fail(&'static str),
-    /// The vehicle's clock jumps by this much, s.
-    Jump(f64),
     /// The link from this sender to the vehicle changes.
     Link(LinkChange, VehicleId),
 }
@@ -32,7 +30,7 @@ pub(super) enum ScriptedAction {
 /// The schedule of actions on vehicle `own`, s after its take-off.
 pub(super) fn actions(scenario: &Scenario, own: VehicleId) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
-    let mut actions: Vec<_> = events.iter().flat_map(|event| failures_and_jumps(event, own)).collect();
+    let mut actions: Vec<_> = events.iter().filter_map(|event| failure(event, own)).collect();
     let mut span = |from, until, lasts: Range<f64>| actions.extend([(lasts.start, from), (lasts.end, until)]);
     kills(events, own).into_iter().for_each(|dead| span(ScriptedAction::Kill, ScriptedAction::Restart, dead));
     for sender in scenario.ids() {
@@ -42,16 +40,22 @@ pub(super) fn actions(scenario: &Scenario, own: VehicleId) -> Schedule<ScriptedA
     Schedule::new(actions)
 }
 
-/// The failure and the clock jumps that the event causes on vehicle `own`.
-fn failures_and_jumps(event: &ScriptedEvent, own: VehicleId) -> Vec<(f64, ScriptedAction)> {
-    let EventAction::Fault(fault) = &event.what else { return Vec::new() };
-    let Some((vehicle, name)) = failure_of(fault) else { return Vec::new() };
-    let mut actions = vec![(event.at_s, ScriptedAction::Fail(name))];
-    if let Fault::ClockJump { by_s, .. } = fault {
-        actions.extend([(event.at_s, ScriptedAction::Jump(*by_s)), (lasting(event).end, ScriptedAction::Jump(-by_s))]);
-    }
-    actions.retain(|_| vehicle == own);
-    actions
+/// The failure that the event causes on vehicle `own`.
+fn failure(event: &ScriptedEvent, own: VehicleId) -> Option<(f64, ScriptedAction)> {
+    let EventAction::Fault(fault) = &event.what else { return None };
+    let (_, name) = failure_of(fault).filter(|(vehicle, _)| *vehicle == own)?;
+    Some((event.at_s, ScriptedAction::Fail(name)))
+}
+
+/// The schedule of the jumps of vehicle `own`'s clock, s after its take-off, each with its size, s.
+pub(super) fn clock_jumps(scenario: &Scenario, own: VehicleId) -> Schedule<f64> {
+    let of_event = |event: &ScriptedEvent| match event.what {
+        EventAction::Fault(Fault::ClockJump { vehicle, by_s }) if vehicle == own => {
+            vec![(event.at_s, by_s), (lasting(event).end, -by_s)]
+        }
+        _ => Vec::new(),
+    };
+    Schedule::new(scenario.mission.events.iter().flat_map(of_event).collect())
 }
 
 /// Total backward jump of vehicle `own`'s clock, s. The clock starts at this time, or it would become negative.
@@ -132,8 +136,6 @@ mod tests {
                       { at_s = 2, fault = 'servo_stuck', vehicle = 1 }";
         let of_2 = [
             (10, ScriptedAction::Fail("clock_jump")),
-            (10, ScriptedAction::Jump(-7.0)),
-            (15, ScriptedAction::Jump(7.0)),
             (20, ScriptedAction::Link(LinkChange::Cut, id(1))),
             (23, ScriptedAction::Link(LinkChange::Healed, id(1))),
             (50, ScriptedAction::Kill),
@@ -141,6 +143,9 @@ mod tests {
         ];
         assert_eq!(done(events, 2), of_2);
         assert_eq!(done(events, 1), [(2, ScriptedAction::Fail("servo_stuck"))]);
+        let mut jumps = clock_jumps(&scenario(events), id(2));
+        assert_eq!([9.9, 10.0, 10.1, 14.9, 15.0].map(|t_s| jumps.due(t_s)), [None, Some(-7.0), None, None, Some(7.0)]);
+        assert!(jumps.is_over() && clock_jumps(&scenario(events), id(1)).is_over());
         assert_eq!(clock_begins_s(&scenario(events), id(2)), 7.0);
         assert_eq!(clock_begins_s(&scenario(events), id(1)), 0.0);
     }

@@ -41,6 +41,7 @@ pub(super) struct Vehicle {
     pub(super) script: Script,
     /// All other scripted actions on the vehicle.
     pub(super) actions: Schedule<ScriptedAction>,
+    clock_jumps: Schedule<f64>,
     /// The station with the agent; `None` while the agent is dead.
     pub(super) station: Option<Station>,
     /// Whether the agent takes the messages to all vehicles in place in this frame.
@@ -85,6 +86,7 @@ impl Vehicle {
             plant,
             script: Script::of(&scenario.mission.events, id),
             actions: script::actions(scenario, id),
+            clock_jumps: script::clock_jumps(scenario, id),
             station: None,
             takes_broadcast: false,
             incarnation: Incarnation(1),
@@ -131,10 +133,16 @@ impl Vehicle {
         self.station.as_ref().map_or(&self.clocks, Station::clocks)
     }
 
-    pub(super) fn clock_jumps(&mut self, now: LocalTime, by_s: f64) {
-        match &mut self.station {
-            Some(station) => station.clock_jumps(now, by_s),
-            None => self.clocks.jump(now, by_s),
+    /// Carries out the jumps of the vehicle's clock that are due now.
+    pub(super) fn let_clock_jump(&mut self, now: LocalTime) {
+        if self.clock_jumps.is_over() {
+            return;
+        }
+        while let Some(by_s) = self.clocks().flown_s(now).and_then(|flown_s| self.clock_jumps.due(flown_s)) {
+            match &mut self.station {
+                Some(station) => station.clock_jumps(now, by_s),
+                None => self.clocks.jump(now, by_s),
+            }
         }
     }
 
