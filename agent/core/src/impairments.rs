@@ -296,6 +296,12 @@ impl AddedDelays {
         self.0.iter().map(|(sender, _)| *sender)
     }
 
+    /// The next time after `flown_s` at which a delay begins or ends, s after take-off; infinite if none does.
+    fn next_change_s(&self, flown_s: f64) -> f64 {
+        let changes = self.0.iter().flat_map(|(_, (lasting, _))| [lasting.start, lasting.end]);
+        changes.filter(|at_s| *at_s > flown_s).fold(f64::INFINITY, f64::min)
+    }
+
     /// The delay added to messages from this sender now, s.
     fn s(&self, flown_s: Option<f64>, sender: VehicleId) -> f64 {
         let lasts = |lasting: &Range<f64>| flown_s.is_some_and(|t_s| lasting.contains(&t_s));

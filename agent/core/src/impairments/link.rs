@@ -72,6 +72,26 @@ impl Link {
         matches!(self.session, Session::Failing { incoming_dead: true } | Session::Closed)
     }
 
+    /// Whether no event affects a message from the peer now.
+    pub(super) fn is_open(&self) -> bool {
+        self.session == Session::Open
+    }
+
+    /// Whether both ends have closed the session.
+    pub(super) fn is_closed(&self) -> bool {
+        self.session == Session::Closed
+    }
+
+    /// The next time after `flown_s` at which the session may change, s after take-off; infinite if it never does.
+    pub(super) fn next_change_s(&self, flown_s: f64) -> f64 {
+        let of_outages = self.outages.iter().flat_map(|outage| {
+            let Outage { from_s, closes_s, until_s, back_s } = *outage;
+            [from_s, closes_s, until_s, back_s]
+        });
+        let of_silences = self.silences.iter().flat_map(|silence| [silence.start, silence.end]);
+        of_outages.chain(of_silences).filter(|at_s| *at_s > flown_s).fold(f64::INFINITY, f64::min)
+    }
+
     /// Advances to `flown_s` after take-off; calls `deliver` with the messages that the change of the session delivers.
     pub(super) fn update(&mut self, flown_s: f64, now: LocalTime, mut deliver: impl FnMut(Received)) {
         let session = self.session_at(flown_s);

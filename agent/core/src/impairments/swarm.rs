@@ -28,7 +28,7 @@ use crate::skew::{ArrivalClock, Skew};
 use flight::{Arrivals, Batch, Content, OnItsWay, Spread, received_twice};
 use graph::SwarmGraph;
 use places::Places;
-use receiver::SwarmReceiver;
+use receiver::{EventEffect, SwarmReceiver};
 use sender::SwarmSender;
 
 /// The network between all vehicles of a swarm.
@@ -171,6 +171,7 @@ impl SwarmNetwork {
         self.in_flight.iter_mut().flatten().for_each(|message| message.remove(vehicle));
         self.receivers[nth(vehicle)] = self.at_begin[nth(vehicle)].clone();
         for sender in &mut self.senders {
+            sender.note_effect(vehicle, EventEffect::Nothing);
             sender.forget_place([vehicle].into_iter().collect());
             sender.forget_link(vehicle);
         }
@@ -229,7 +230,7 @@ impl SwarmNetwork {
             }
             PeerMessage::State(state) => {
                 let is_dead = |id: &VehicleId| self.receivers[nth(*id)].is_dead(from);
-                let over_dead_links = sender.with_events.both(receivers).iter().filter(is_dead).collect();
+                let over_dead_links = sender.affected.both(receivers).iter().filter(is_dead).collect();
                 if sender.report_place((state.position, now), receivers, over_dead_links) {
                     self.graph.placed_changed();
                 }
@@ -248,21 +249,26 @@ impl SwarmNetwork {
     fn send_parcel(&mut self, sent: &Sent<'_>, receivers: VehicleSet) {
         let reach = self.reach(sent.from, receivers);
         self.numbers.draw(&MessageKey::of(sent.message, 0), !reach.fading.is_empty());
-        // Messages out of range take up bandwidth, and have no other effect.
-        let receivers = if self.has_queues { receivers } else { receivers.without(reach.out) };
+        // Messages out of range take up bandwidth, and have no other effect; nor have states to receivers whose session is closed.
+        let without_effect = match sent.parcel.is_state() {
+            _ if self.has_queues => VehicleSet::default(),
+            true => reach.out.either(self.senders[nth(sent.from)].closed),
+            false => reach.out,
+        };
+        let receivers = receivers.without(without_effect);
         let apart = if self.has_queues { receivers } else { receivers.both(self.with_particulars(sent.from)) };
         self.send_together(sent, receivers.without(apart), &reach);
         self.send_to_each(sent, apart, &reach);
     }
 
-    /// The receivers to which links of a sender have settings or events of their own, or that receive the present message late
+    /// The receivers to which links of a sender have settings of their own or are affected by events, or that receive the present message late
     /// or twice.
     fn with_particulars(&self, from: VehicleId) -> VehicleSet {
-        let SwarmSender { with_particular, with_events, .. } = &self.senders[nth(from)];
+        let SwarmSender { with_particular, affected, .. } = &self.senders[nth(from)];
         let Quality { reorder, duplicate, .. } = self.everywhere;
         let [late, twice] = [(Draw::Reorder, reorder), (Draw::Duplicate, duplicate)]
             .map(|(what, share)| if share > 0.0 { self.numbers.below(what, share) } else { VehicleSet::default() });
-        with_particular.either(*with_events).either(late).either(twice)
+        with_particular.either(*affected).either(late).either(twice)
     }
 
     /// Sends a message to receivers whose links differ in nothing but their random numbers: it is lost, or it arrives after the
@@ -319,7 +325,7 @@ impl SwarmNetwork {
         let &Sent { now, from, message, parcel } = sent;
         let what = Content::Parcel(parcel);
         let Self { senders, receivers: at_receivers, everywhere, draws, numbers, batch, serial, .. } = self;
-        let SwarmSender { particular, with_particular, with_events, channels, .. } = &mut senders[nth(from)];
+        let SwarmSender { particular, with_particular, affected, channels, .. } = &mut senders[nth(from)];
         *serial += 2;
         let (serial, copy_serial) = (*serial - 1, *serial);
         let message_bytes = core::cell::OnceCell::new();
@@ -334,7 +340,7 @@ impl SwarmNetwork {
             let chance = |what| numbers.of(what, id);
             let fate = delivery(quality, chance, sent_at, is_in_burst, reach.lost_share(id));
             let Delivery::Arrives { at, copy_at } = fate else { continue };
-            let added_s = match with_events.contains(id) {
+            let added_s = match affected.contains(id) {
                 true => at_receivers[nth(id)].take(from, message, now),
                 false => Some(0.0),
             };
@@ -350,7 +356,11 @@ impl SwarmNetwork {
     /// Sends to a vehicle what its links have held back in a cut and deliver now.
     fn repeat_held(&mut self, now: LocalTime, to: VehicleId) {
         let only = [to].into_iter().collect();
-        for (from, Received { message, at: held_since }, added_s) in self.receivers[nth(to)].pass_time(now) {
+        let Some(held) = self.receivers[nth(to)].pass_time(now) else { return };
+        for (from, effect) in self.receivers[nth(to)].effects() {
+            self.senders[nth(from)].note_effect(to, effect);
+        }
+        for (from, Received { message, at: held_since }, added_s) in held {
             let inbox = Arc::make_mut(&mut self.inbox);
             let what = match &message {
                 PeerMessage::State(state) => Content::Parcel(inbox.put_held_state(state, held_since)),

@@ -45,6 +45,13 @@ pub struct Parcel {
     pub(super) slot: SlotIndex,
 }
 
+impl Parcel {
+    /// Whether it is a state.
+    pub fn is_state(&self) -> bool {
+        self.kind == ParcelKind::State
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ParcelKind {
     State,

@@ -22,6 +22,18 @@ pub(super) struct SwarmReceiver {
     /// The links that a cut ever affects, by the sender's id, and the delays that events add.
     links: Vec<Link>,
     delays: AddedDelays,
+    /// Time since take-off before which no event changes what they do, s.
+    unchanged_until_s: f64,
+}
+
+/// The present effect of events on the messages of one sender to a vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum EventEffect {
+    Nothing,
+    /// Each message has to be looked at.
+    Some,
+    /// The session is closed: no state arrives, and none is kept for later.
+    Closed,
 }
 
 impl SwarmReceiver {
@@ -34,6 +46,7 @@ impl SwarmReceiver {
             flown_s: None,
             links: peers.clone().filter_map(|peer| Link::new(scenario, own, peer)).collect(),
             delays: AddedDelays::new(scenario, own, peers),
+            unchanged_until_s: f64::NEG_INFINITY,
         }
     }
 
@@ -56,14 +69,32 @@ impl SwarmReceiver {
         lets_through.then(|| self.delays.s(self.flown_s, from))
     }
 
-    /// The messages that its links have held back and deliver now, each with its sender and the delay that events add, s.
-    pub(super) fn pass_time(&mut self, now: LocalTime) -> Vec<(VehicleId, Received, f64)> {
-        let Self { links, delays, flown_s: Some(flown_s), .. } = self else { return Vec::new() };
+    /// The messages that its links have held back and deliver now, each with its sender and the delay that events add, s. `None` if
+    /// no event has begun or ended.
+    pub(super) fn pass_time(&mut self, now: LocalTime) -> Option<Vec<(VehicleId, Received, f64)>> {
+        let Self { links, delays, unchanged_until_s, .. } = self;
+        let flown_s = self.flown_s.filter(|flown_s| flown_s >= unchanged_until_s)?;
         let mut held = Vec::new();
+        *unchanged_until_s = delays.next_change_s(flown_s);
         for link in links {
-            let (from, added_s) = (link.peer(), delays.s(Some(*flown_s), link.peer()));
-            link.update(*flown_s, now, |received| held.push((from, received, added_s)));
+            let (from, added_s) = (link.peer(), delays.s(Some(flown_s), link.peer()));
+            link.update(flown_s, now, |received| held.push((from, received, added_s)));
+            *unchanged_until_s = unchanged_until_s.min(link.next_change_s(flown_s));
         }
-        held
+        Some(held)
+    }
+
+    /// The present effect of events on the messages of each sender that they ever affect.
+    pub(super) fn effects(&self) -> impl Iterator<Item = (VehicleId, EventEffect)> {
+        self.senders_with_events().map(|from| {
+            let link = self.links.binary_search_by_key(&from, Link::peer).ok().and_then(|nth| self.links.get(nth));
+            let effect = match link {
+                Some(link) if link.is_closed() => EventEffect::Closed,
+                Some(link) if !link.is_open() => EventEffect::Some,
+                _ if self.delays.s(self.flown_s, from) != 0.0 => EventEffect::Some,
+                _ => EventEffect::Nothing,
+            };
+            (from, effect)
+        })
     }
 }

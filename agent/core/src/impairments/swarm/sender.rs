@@ -9,6 +9,7 @@ use skein_common::scenario::Quality;
 use skein_common::time::LocalTime;
 
 use super::super::channel::Channel;
+use super::receiver::EventEffect;
 
 /// A vehicle as a sender.
 #[derive(Clone, Debug, Default)]
@@ -23,8 +24,11 @@ pub(super) struct SwarmSender {
     /// The receivers to which its links have settings of their own.
     pub(super) particular: Vec<(VehicleId, Quality)>,
     pub(super) with_particular: VehicleSet,
-    /// The receivers to which events ever cut or delay its messages.
+    /// The receivers to which events ever cut or delay its messages, those to which they do so now, and those among these whose
+    /// session is closed.
     pub(super) with_events: VehicleSet,
+    pub(super) affected: VehicleSet,
+    pub(super) closed: VehicleSet,
     /// The state of the links to all receivers, by id; empty if they have none.
     pub(super) channels: Vec<Channel>,
     in_burst: InBurst,
@@ -92,6 +96,12 @@ impl SwarmSender {
         self.placed = self.placed.without(receivers);
         self.with_older_place = self.with_older_place.without(receivers);
         self.older_places.retain(|(id, _)| !receivers.contains(*id));
+    }
+
+    /// Notes what events do now to its messages to a receiver.
+    pub(super) fn note_effect(&mut self, receiver: VehicleId, effect: EventEffect) {
+        self.affected.set(receiver, effect != EventEffect::Nothing);
+        self.closed.set(receiver, effect == EventEffect::Closed);
     }
 
     /// Makes room for the state of the links to vehicles 1 to `count`.
