@@ -15,9 +15,10 @@ use super::index;
 pub(super) struct Column<M> {
     slots: Vec<Slot<M>>,
     free: Vec<SlotIndex>,
-    /// Number of receivers.
-    count: usize,
-    places: Vec<NewestAtSix>,
+    /// The newest message at each receiver.
+    newest: Vec<Option<SlotIndex>>,
+    /// Its arrival at each receiver, by the receiver's clock; empty until any message has reached two receivers at different times.
+    arrived_at: Vec<LocalTime>,
     /// The newest message that any receiver has received so far: its order, and its slot then.
     delivered: Option<(MessageOrder, SlotIndex)>,
 }
@@ -68,32 +69,21 @@ pub(super) struct Slot<M> {
     pub(super) in_flight: u16,
     /// The length that all vehicles had travelled at most in the frame in which it was sent, m.
     pub(super) travelled_m: f64,
+    /// Its first arrival, by the receiver's clock.
+    arrived_at: Option<LocalTime>,
 }
 
-/// The newest message at each of a few receivers, and its arrival by the receiver's clock. Both are read together, and these fit
-/// into the 64 bytes that a processor reads from memory at once.
-#[derive(Clone, Copy, Debug)]
-#[repr(align(64))]
-struct NewestAtSix {
-    arrived_at: [LocalTime; TOGETHER],
-    newest: [Option<SlotIndex>; TOGETHER],
-}
-
-/// Number of receivers that are kept together.
-const TOGETHER: usize = 6;
-
-/// The place of a receiver: those that it is kept together with, and its index among them.
-#[inline]
-fn place(receiver: usize) -> (usize, usize) {
-    (receiver / TOGETHER, receiver % TOGETHER)
+impl<M> Slot<M> {
+    /// A message that is sent now.
+    pub(super) fn new(message: M, order: MessageOrder, sent_at: LocalTime, travelled_m: f64) -> Self {
+        Self { message, order, sent_at, in_flight: 0, travelled_m, arrived_at: None }
+    }
 }
 
 impl<M: Copy> Column<M> {
     /// The column of a swarm with so many receivers, before any message.
     pub(super) fn new(count: usize) -> Self {
-        let nothing = NewestAtSix { arrived_at: [LocalTime::ZERO; TOGETHER], newest: [None; TOGETHER] };
-        let places = vec![nothing; count.div_ceil(TOGETHER)];
-        Self { slots: Vec::new(), free: Vec::new(), count, places, delivered: None }
+        Self { slots: Vec::new(), free: Vec::new(), newest: vec![None; count], arrived_at: Vec::new(), delivered: None }
     }
 
     /// Puts a message into a slot.
@@ -114,8 +104,7 @@ impl<M: Copy> Column<M> {
     /// made, so that the next sweep is some messages away.
     fn sweep(&mut self) {
         let mut is_needed: Vec<bool> = self.slots.iter().map(|slot| slot.in_flight > 0).collect();
-        let newest = (0..self.count).filter_map(|receiver| self.newest_slot(receiver));
-        newest.for_each(|slot| is_needed[slot.get()] = true);
+        self.newest.iter().flatten().for_each(|slot| is_needed[slot.get()] = true);
         let unneeded = is_needed.iter().enumerate().filter(|(_, is_needed)| !**is_needed);
         self.free.extend(unneeded.map(|(index, _)| SlotIndex::new(index)));
         const ROOM: usize = 3;
@@ -143,30 +132,40 @@ impl<M: Copy> Column<M> {
     /// The newest message at a receiver, and its arrival.
     #[inline]
     pub(super) fn newest(&self, receiver: usize) -> Option<(&Slot<M>, LocalTime)> {
-        let (together, nth) = place(receiver);
-        let places = self.places.get(together)?;
-        Some((self.slot(places.newest[nth]?), places.arrived_at[nth]))
+        let slot = self.slot(self.newest_slot(receiver)?);
+        Some((slot, self.arrived_at.get(receiver).copied().or(slot.arrived_at)?))
     }
 
     /// The slot of the newest message at a receiver.
     #[inline]
     pub(super) fn newest_slot(&self, receiver: usize) -> Option<SlotIndex> {
-        let (together, nth) = place(receiver);
-        self.places[together].newest[nth]
+        *self.newest.get(receiver)?
     }
 
     /// Makes a message the newest one at a receiver.
     #[inline]
     pub(super) fn receive(&mut self, receiver: usize, slot: SlotIndex, at: LocalTime) {
-        let (together, nth) = place(receiver);
-        let places = &mut self.places[together];
-        (places.newest[nth], places.arrived_at[nth]) = (Some(slot), at);
+        self.note_arrival(slot, at);
+        self.newest[receiver] = Some(slot);
+        if let Some(arrived_at) = self.arrived_at.get_mut(receiver) {
+            *arrived_at = at;
+        }
+    }
+
+    /// Notes that a message arrives at this time. Over most networks it reaches all of its receivers at once, and lies here with
+    /// its arrival; the first one that does not makes the column keep the arrivals of each receiver.
+    #[inline]
+    fn note_arrival(&mut self, slot: SlotIndex, at: LocalTime) {
+        let first_at = *self.slot_mut(slot).arrived_at.get_or_insert(at);
+        if first_at != at && self.arrived_at.is_empty() {
+            let arrived_at = |slot: &Option<SlotIndex>| slot.and_then(|slot| self.slot(slot).arrived_at);
+            self.arrived_at = self.newest.iter().map(|slot| arrived_at(slot).unwrap_or_default()).collect();
+        }
     }
 
     /// Forgets what a receiver has received.
     pub(super) fn forget(&mut self, receiver: usize) {
-        let (together, nth) = place(receiver);
-        self.places[together].newest[nth] = None;
+        self.newest[receiver] = None;
     }
 
     /// The slot of the newest message that any receiver has received so far.
@@ -186,28 +185,26 @@ impl<M: Copy> Column<M> {
 
     /// The receivers at which another message than this one is the newest.
     pub(super) fn with_others(&self, slot: SlotIndex) -> VehicleSet {
+        const TOGETHER: usize = 32;
         // At most receivers it is the newest.
-        let differ = |places: &&NewestAtSix| places.newest != [Some(slot); TOGETHER];
-        let others =
-            self.places.iter().enumerate().filter(|(_, places)| differ(places)).flat_map(|(together, places)| {
-                let here = places.newest.iter().enumerate().filter(|(_, newest)| **newest != Some(slot));
-                here.map(move |(nth, _)| TOGETHER * together + nth)
-            });
-        others
-            .filter(|receiver| *receiver < self.count)
-            .filter_map(|receiver| VehicleId::new(receiver as u8 + 1).ok())
-            .collect()
+        let differ = |(_, newest): &(usize, &[Option<SlotIndex>])| newest.iter().any(|newest| *newest != Some(slot));
+        let with_others = self.newest.chunks(TOGETHER).enumerate().filter(differ).flat_map(|(chunk, newest)| {
+            let here = newest.iter().enumerate().filter(|(_, newest)| **newest != Some(slot));
+            here.map(move |(nth, _)| TOGETHER * chunk + nth)
+        });
+        with_others.filter_map(|receiver| VehicleId::new(receiver as u8 + 1).ok()).collect()
     }
 
     /// Makes a message the newest one at all receivers but these.
     pub(super) fn fill(&mut self, slot: SlotIndex, left_out: VehicleSet, at: LocalTime) {
-        let all = NewestAtSix { arrived_at: [at; TOGETHER], newest: [Some(slot); TOGETHER] };
-        let mut left_out = left_out.iter().map(|id| place(index(id))).peekable();
-        for (together, places) in self.places.iter_mut().enumerate() {
-            let before = core::mem::replace(places, all);
-            while let Some((_, nth)) = left_out.next_if(|(of, _)| *of == together) {
-                (places.newest[nth], places.arrived_at[nth]) = (before.newest[nth], before.arrived_at[nth]);
+        self.note_arrival(slot, at);
+        let mut begin = 0;
+        for end in left_out.iter().map(index).chain([self.newest.len()]) {
+            self.newest[begin..end].fill(Some(slot));
+            if let Some(arrived_at) = self.arrived_at.get_mut(begin..end) {
+                arrived_at.fill(at);
             }
+            begin = end + 1;
         }
     }
 }
@@ -220,8 +217,7 @@ mod tests {
     use super::*;
 
     fn message(number: u64) -> Slot<u64> {
-        let order = MessageOrder { incarnation: Incarnation(1), sequence: number };
-        Slot { message: number, order, sent_at: LocalTime::ZERO, in_flight: 0, travelled_m: 0.0 }
+        Slot::new(number, MessageOrder { incarnation: Incarnation(1), sequence: number }, LocalTime::ZERO, 0.0)
     }
 
     fn at(number: u64) -> LocalTime {
@@ -230,27 +226,30 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_filled_column_is_one_that_each_receiver_has_received(
+        fn each_receiver_has_the_newest_message_and_its_arrival(
             count in 1_usize..=250,
-            messages in prop::collection::vec((any::<[u64; 4]>(), any::<bool>()), 1..20),
+            messages in prop::collection::vec((any::<[u64; 4]>(), any::<bool>(), 0..10_u64), 1..20),
         ) {
             let receivers: VehicleSet = VehicleId::first(count).collect();
-            let [mut filled, mut one_by_one] = [0; 2].map(|_| Column::new(count));
-            for (number, (bits, reaches_most)) in (1..).zip(messages) {
+            let mut column = Column::new(count);
+            let mut expected = vec![None; count];
+            for (number, (bits, reaches_most, late)) in (1..).zip(messages) {
                 let drawn = receivers.iter().filter(|id| bits[index(*id) / 64] >> (index(*id) % 64) & 1 == 1).collect();
                 let left_out = if reaches_most { VehicleSet::default() } else { drawn };
-                let slot = filled.put(message(number));
-                prop_assert!(filled.note_delivery(slot) && !filled.note_delivery(slot));
-                filled.fill(slot, left_out, at(number));
-                let slot = one_by_one.put(message(number));
-                receivers.without(left_out).iter().for_each(|id| one_by_one.receive(index(id), slot, at(number)));
+                let slot = column.put(message(number));
+                prop_assert!(column.note_delivery(slot) && !column.note_delivery(slot));
+                let arrives = |receiver: usize| at(1000 * number + if late == 0 { receiver as u64 } else { 0 });
+                if late < 5 {
+                    receivers.without(left_out).iter().for_each(|id| column.receive(index(id), slot, arrives(index(id))));
+                } else {
+                    column.fill(slot, left_out, arrives(0));
+                }
+                receivers.without(left_out).iter().for_each(|id| expected[index(id)] = Some((number, arrives(index(id)))));
 
-                let newest = |column: &Column<u64>, receiver| column.newest(receiver).map(|(slot, at)| (slot.message, at));
-                let all = |column| (0..count).map(|receiver| newest(column, receiver)).collect::<Vec<_>>();
-                prop_assert_eq!(all(&filled), all(&one_by_one));
-                let others = receivers.iter().filter(|id| newest(&filled, index(*id)).is_none_or(|(last, _)| last != number));
-                let found = filled.with_others(filled.delivered().unwrap());
-                prop_assert_eq!(found, others.collect::<VehicleSet>());
+                let newest = |receiver| column.newest(receiver).map(|(slot, at)| (slot.message, at));
+                prop_assert_eq!((0..count).map(newest).collect::<Vec<_>>(), expected.clone());
+                let is_other = |id: &VehicleId| expected[index(*id)].is_none_or(|(newest, _)| newest != number);
+                prop_assert_eq!(column.with_others(slot), receivers.iter().filter(is_other).collect());
             }
         }
     }

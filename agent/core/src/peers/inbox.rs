@@ -246,7 +246,7 @@ impl FromSender {
 fn state_slot(state: &ReceivedState, sent_at: LocalTime, travelled_m: f64) -> Slot<SentMotion> {
     let &ReceivedState { header, position, velocity, heading_rad, .. } = state;
     let message = SentMotion { position, velocity, heading_rad, stamp: header.stamp };
-    Slot { message, order: header.order(), sent_at, in_flight: 0, travelled_m }
+    Slot::new(message, header.order(), sent_at, travelled_m)
 }
 
 /// An arrival at a receiver at this correct time.
@@ -359,9 +359,7 @@ impl SwarmInbox {
         let from = &mut self.senders[index(sender)];
         from.note_incarnation(&heartbeat.header);
         let message = SentHeartbeat { message: *heartbeat, needs_all };
-        let slot =
-            Slot { message, order: heartbeat.header.order(), sent_at, in_flight: 0, travelled_m: self.travelled_m };
-        let slot = from.heartbeats.put(slot);
+        let slot = from.heartbeats.put(Slot::new(message, heartbeat.header.order(), sent_at, self.travelled_m));
         Parcel { sender, kind: ParcelKind::Heartbeat, slot }
     }
 
