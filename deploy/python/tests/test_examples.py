@@ -46,7 +46,8 @@ def test_a_law_learns_and_flies_in_a_study_as_in_training(same_bits):
     same_bits(env.figures(), study.runs)
 
     # In real time the law is a process per vehicle, behind a network: the same flight, not the same bits.
-    swarm = {"swarm.name": f"learned-{os.getpid()}"}
+    # A busy PC answers late: the fallback law has to stay out of it, or the flight counts as failed.
+    swarm = {"swarm.name": f"learned-{os.getpid()}", "formation.external.misses": 1000}
     live = skein.fly("hover", law=learn_ring.Learned, parameters=parameters, set=swarm, seed=0, duration_s=40, quiet=True)
     flown, trained = live.runs.iloc[0], study.runs.iloc[0]
     assert flown["collisions"] == flown["crashes"] == 0
