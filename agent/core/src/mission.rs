@@ -283,7 +283,9 @@ impl Mission {
         let is_back_on_ground = knows_peers && estimate.height_m < FLYING_ABOVE_M;
         let has_listened = is_back_on_ground || Deadline::Listened.is_past(now.local.seconds_since(since));
         self.has_listened |= has_listened;
-        if core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining {
+        let is_late = core::mem::take(&mut self.is_late) || self.membership() == Membership::Joining;
+        // Only along a path is there anything to catch up.
+        if is_late && self.leg().is_some_and(|leg| matches!(leg.kind, Kind::Path(_))) {
             let others = OtherStates { states: heartbeats.clone().map(AgreementState::from), absent_may_fly };
             self.catch_up(&others, heartbeats.clone());
         }
