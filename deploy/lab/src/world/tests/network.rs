@@ -136,7 +136,9 @@ fn events(vehicles: u8) -> impl Strategy<Value = String> {
         (0.0..25.0, 1..=vehicles).prop_map(|(at_s, id): (f64, u8)| {
             format!("{{ at_s = {at_s:.2}, order = 'release', vehicles = [{id}] }}")
         }),
-        (0.0..25.0, 40.0..90.0).prop_map(|(at_s, radius_m): (f64, f64)| {
+        (0.0..25.0, 40.0..90.0).prop_map(move |(at_s, more_m): (f64, f64)| {
+            // The vehicles need room on the ring.
+            let radius_m = more_m + 2.0 * f64::from(vehicles);
             format!("{{ at_s = {at_s:.2}, order = 'set', key = 'formation.radius_m', value = {radius_m:.1} }}")
         }),
         (0.0..25.0, 1..=vehicles, 1.0..8.0).prop_map(|(at_s, vehicle, for_s): (f64, u8, f64)| {
@@ -178,7 +180,12 @@ proptest! {
         if !particular.is_empty() {
             sets.push(of_link);
         }
-        sets.push(format!("start.square_m={}", if vehicles < 100 { 200 } else { 250 }));
+        // Room for the largest swarm on the ground and on the ring.
+        if vehicles < 100 {
+            sets.push("start.square_m=200".to_owned());
+        } else {
+            sets.extend(["start.square_m=250".to_owned(), "formation.radius_m=180".to_owned()]);
+        }
         prop_assume!(is_imperfect(&sets));
         compare(&sets, if vehicles < 10 { 30.0 } else { 12.0 });
     }
