@@ -12,7 +12,6 @@ use core::ops::Range;
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
-
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Drops, EventKind, Failure, Order, SimulatorFault, StandingOrders, Standstill};

@@ -261,8 +261,8 @@ impl SwarmNetwork {
         self.send_to_each(sent, apart, &reach);
     }
 
-    /// The receivers to which links of a sender have settings of their own or are affected by events, or that receive the present message late
-    /// or twice.
+    /// The receivers to which links of a sender have settings of their own or are affected by events, or that receive the present
+    /// message late or twice.
     fn with_particulars(&self, from: VehicleId) -> VehicleSet {
         let SwarmSender { with_particular, affected, .. } = &self.senders[nth(from)];
         let Quality { reorder, duplicate, .. } = self.everywhere;

@@ -145,9 +145,7 @@ impl<M: Copy> Column<M> {
     /// Makes a message the newest one at a receiver.
     #[inline]
     pub(super) fn receive(&mut self, receiver: usize, slot: SlotIndex, at: LocalTime) {
-        if self.arrived_at.is_empty() {
-            self.note_arrival(slot, at);
-        }
+        self.note_arrival(slot, at);
         self.newest[receiver] = Some(slot);
         if let Some(arrived_at) = self.arrived_at.get_mut(receiver) {
             *arrived_at = at;
@@ -156,12 +154,16 @@ impl<M: Copy> Column<M> {
 
     /// Notes that a message arrives at this time. Over most networks it reaches all of its receivers at once, and lies here with
     /// its arrival; the first one that does not makes the column keep the arrivals of each receiver from then on.
+    #[inline]
     fn note_arrival(&mut self, slot: SlotIndex, at: LocalTime) {
-        let first_at = *self.slot_mut(slot).arrived_at.get_or_insert(at);
-        if first_at != at {
-            let arrived_at = |slot: &Option<SlotIndex>| slot.and_then(|slot| self.slot(slot).arrived_at);
-            self.arrived_at = self.newest.iter().map(|slot| arrived_at(slot).unwrap_or_default()).collect();
+        if self.arrived_at.is_empty() && *self.slot_mut(slot).arrived_at.get_or_insert(at) != at {
+            self.keep_arrivals();
         }
+    }
+
+    fn keep_arrivals(&mut self) {
+        let arrived_at = |slot: &Option<SlotIndex>| slot.and_then(|slot| self.slot(slot).arrived_at);
+        self.arrived_at = self.newest.iter().map(|slot| arrived_at(slot).unwrap_or_default()).collect();
     }
 
     /// Forgets what a receiver has received.
@@ -198,9 +200,7 @@ impl<M: Copy> Column<M> {
 
     /// Makes a message the newest one at all receivers but these.
     pub(super) fn fill(&mut self, slot: SlotIndex, left_out: VehicleSet, at: LocalTime) {
-        if self.arrived_at.is_empty() {
-            self.note_arrival(slot, at);
-        }
+        self.note_arrival(slot, at);
         let mut begin = 0;
         for end in left_out.iter().map(index).chain([self.newest.len()]) {
             self.newest[begin..end].fill(Some(slot));
