@@ -90,11 +90,6 @@ impl<T> Schedule<T> {
         self.remaining.pop_if(|(at_s, _)| *at_s <= t_s).map(|(_, what)| what)
     }
 
-    /// Whether no entry is still to come.
-    pub fn is_over(&self) -> bool {
-        self.remaining.is_empty()
-    }
-
     /// The entries that are not due yet, the latest first.
     pub fn remaining(&self) -> impl Iterator<Item = &T> {
         self.remaining.iter().map(|(_, what)| what)

@@ -135,9 +135,6 @@ impl Vehicle {
 
     /// Carries out the jumps of the vehicle's clock that are due now.
     pub(super) fn let_clock_jump(&mut self, now: LocalTime) {
-        if self.clock_jumps.is_over() {
-            return;
-        }
         while let Some(by_s) = self.clocks().flown_s(now).and_then(|flown_s| self.clock_jumps.due(flown_s)) {
             match &mut self.station {
                 Some(station) => station.clock_jumps(now, by_s),
