@@ -31,7 +31,7 @@ pub(super) struct SwarmReceiver {
 pub(super) enum EventEffect {
     Nothing,
     /// Each message has to be looked at.
-    Some,
+    OnEach,
     /// The session is closed: no state arrives, and none is kept for later.
     Closed,
 }
@@ -90,8 +90,8 @@ impl SwarmReceiver {
             let link = self.links.binary_search_by_key(&from, Link::peer).ok().and_then(|nth| self.links.get(nth));
             let effect = match link {
                 Some(link) if link.is_closed() => EventEffect::Closed,
-                Some(link) if !link.is_open() => EventEffect::Some,
-                _ if self.delays.s(self.flown_s, from) != 0.0 => EventEffect::Some,
+                Some(link) if !link.is_open() => EventEffect::OnEach,
+                _ if self.delays.s(self.flown_s, from) != 0.0 => EventEffect::OnEach,
                 _ => EventEffect::Nothing,
             };
             (from, effect)
