@@ -46,7 +46,7 @@ pub struct AgentOptions {
     /// End on the line "stop" from standard input, as on a signal
     #[arg(long, hide = true)]
     pub child: bool,
-    /// How long an earlier agent has flown the vehicle, s: the scenario's events continue from there
+    /// Time for which an earlier agent has flown the vehicle, s: the scenario's events continue from there
     #[arg(long, hide = true, value_name = "S", value_parser = seconds)]
     pub flown_s: Option<f64>,
     /// The run of the swarm, printed by `skein cluster up`: orders of another run are refused
@@ -77,7 +77,7 @@ pub struct AgentFile {
     pub security: Option<Tls>,
 }
 
-/// Why an agent cannot start. Each error is one sentence that the user can act on.
+/// The reason why an agent cannot start. Each error is one sentence that the user can act on.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// A file named by the scenario cannot be used.
@@ -138,19 +138,19 @@ pub struct Node {
     pub rules: Rules,
     /// Plant that flies its aircraft.
     pub plant: PlantChoice,
-    /// How long an earlier agent has flown the vehicle, s; `None` for the first agent.
+    /// Time for which an earlier agent has flown the vehicle, s; `None` for the first agent.
     pub flown_s: Option<f64>,
-    /// How its links are secured.
+    /// The security of its links.
     pub security: Security,
     /// Public key that verifies orders; without it orders are accepted without a signature.
     pub orders_key: Option<VerificationKey>,
     /// Run of the swarm; 0 where runs have no number.
     pub run: u64,
-    /// Where the inputs of the agent go; `None` keeps none.
+    /// The folder for the inputs of the agent; `None` keeps none.
     pub inputs: Option<InputsFolder>,
 }
 
-/// Where the inputs of an agent go.
+/// The folder for the inputs of an agent, and the facts that a replay needs beside them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputsFolder {
     /// The folder; a file in it is named after the vehicle and the agent's incarnation.

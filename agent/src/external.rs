@@ -30,7 +30,7 @@ use skein_host::external::{ExternalError, LawTransport, port_of, vector};
 
 /// Queue between the threads, messages. A law that floods its output makes queries get lost, but delays nothing.
 const QUEUE: usize = 256;
-/// How often the law's thread checks for a new connection or a stop.
+/// Interval at which the law's thread checks for a new connection or a stop.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// Least time between two starts of the law's process.
 const RESTART_DELAY: Duration = Duration::from_secs(1);
@@ -41,7 +41,7 @@ const RESEND_DELAY: Duration = Duration::from_secs(1);
 #[derive(Debug, Default)]
 struct FromLaw {
     reply: Option<LawReply>,
-    /// Why something was refused, at most once for each kind of fault.
+    /// The reasons of refusals, at most one for each kind of fault.
     refusals: VecDeque<ShortText>,
     /// Whether the law's thread has to end.
     is_over: bool,

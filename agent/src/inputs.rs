@@ -53,7 +53,7 @@ pub struct Flown {
     pub vehicle: String,
     /// Incarnation of its agent.
     pub incarnation: Incarnation,
-    /// How long an earlier agent had flown the vehicle, s; `None` for the first agent.
+    /// Time for which an earlier agent had flown the vehicle, s; `None` for the first agent.
     pub flown_s: Option<f64>,
     /// The vehicle's aircraft file.
     pub aircraft: String,
@@ -61,7 +61,7 @@ pub struct Flown {
     pub rules: Option<[String; 4]>,
 }
 
-/// Why a file of inputs cannot be replayed.
+/// The reason why a file of inputs cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum InputsError {
     /// The file is of another kind.

@@ -84,7 +84,7 @@ const LINGER: Duration = Duration::from_millis(500);
 /// Largest message accepted from the network, bytes.
 const MAX_MESSAGE_BYTES: usize = 1 << 20;
 
-/// Why the network cannot be used.
+/// The reason why the network cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// Zenoh rejects our configuration.

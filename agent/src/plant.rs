@@ -30,7 +30,7 @@ pub struct PlantVehicle<'a> {
     pub flown_s: Option<f64>,
 }
 
-/// Why a plant cannot fly a vehicle. Each error is one sentence that the user can act on.
+/// The reason why a plant cannot fly a vehicle. Each error is one sentence that the user can act on.
 #[derive(Debug, thiserror::Error)]
 pub enum PlantError {
     /// Only X-Plane can fly this aircraft.

@@ -61,8 +61,8 @@ pub const RELEASE: &str = "SKEIN_RELEASE";
 /// incarnation.
 pub const INCARNATION_FILE: &str = "SKEIN_LIFE";
 
-/// How long an agent whose launcher has ended flies beyond the stated duration of its flight: the launcher counts that duration
-/// from when all agents were ready.
+/// Time for which an agent whose launcher has ended flies beyond the stated duration of its flight: the launcher counts that
+/// duration from when all agents were ready.
 const UNATTENDED: Duration = Duration::from_secs(30);
 
 /// Requests that an agent end.
@@ -97,7 +97,7 @@ impl Stop {
     }
 }
 
-/// Why an agent could not start, or stopped early.
+/// The reason why an agent could not start, or stopped early.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The network could not be opened.

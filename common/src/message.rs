@@ -61,7 +61,7 @@ pub enum DecodeError {
     Implausible,
 }
 
-/// How a message becomes bytes.
+/// The encoding of a message as bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// The version byte and the postcard encoding: short, for the messages that fly the swarm.
@@ -75,7 +75,7 @@ pub trait Message: Serialize + DeserializeOwned {
     /// Largest size of a message of this kind, bytes.
     const MAX_BYTES: usize;
 
-    /// How a message of this kind becomes bytes.
+    /// Encoding of a message of this kind as bytes.
     const ENCODING: Encoding = Encoding::Postcard;
 
     /// Whether every number is finite and in its range.

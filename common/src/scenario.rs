@@ -118,7 +118,7 @@ pub struct Explained {
     pub key: String,
     /// The value as TOML; `None` for an absent value that TOML cannot express.
     pub value: Option<String>,
-    /// Where the value comes from.
+    /// Origin of the value.
     pub origin: Layer,
     /// Meaning of the key, and the reason for its default.
     pub about: &'static str,

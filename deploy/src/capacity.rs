@@ -48,7 +48,7 @@ pub struct Capacity {
     pub fleet: FlownFleet,
 }
 
-/// How many vehicles fit with one communication scheme.
+/// The numbers of vehicles that fit with one communication scheme.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fits {
     /// Name of the scheme.

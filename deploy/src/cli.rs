@@ -73,7 +73,7 @@ pub enum Command {
     View(ViewArgs),
     /// Send an order to a live swarm through any of its agents, which pass it on
     Order(OrderArgs),
-    /// How the vehicles of a live swarm are, as they report it: on this PC or on a cluster
+    /// Show the state of a live swarm's vehicles, as they report it: on this PC or on a cluster
     Status(StatusArgs),
     /// Find what would stop a flight: of a scenario, with the origin of every value; of a cluster; of this PC
     Check(CheckArgs),

@@ -84,7 +84,7 @@ fn key_as_text(key: &Key, columns: usize) -> String {
     text
 }
 
-/// How fast the key can change in flight, if it can.
+/// The text about the key's fastest change in flight, if it can change there.
 fn in_flight(key: &Key) -> Option<String> {
     let rate = with_unit(key, TunableKey::find(key.path)?.rate_per_s().to_string());
     Some(format!("`skein order set` changes it by at most {rate} a second"))

@@ -37,7 +37,7 @@ pub struct FitArgs {
     pub json: bool,
 }
 
-/// How long one wait for a position takes at most, and how long the simulator may be silent.
+/// Longest duration of one wait for a position, and longest silence of the simulator, s.
 const ATTEMPT: Duration = Duration::from_millis(100);
 const SILENT_S: f64 = 5.0;
 

@@ -66,10 +66,10 @@ pub struct FlyArgs {
     /// order of ids. Without PORT 49000
     #[arg(long, value_name = "HOST[:PORT],...", value_delimiter = ',')]
     pub xplane: Vec<HostPort>,
-    /// How long to fly, seconds; the same as --set duration_s=S. Without it in the scenario either: until stopped
+    /// Duration of the flight, seconds; the same as --set duration_s=S. Without it in the scenario either: until stopped
     #[arg(long = "duration", value_name = "S", value_parser = duration, allow_negative_numbers = true)]
     pub duration_s: Option<f64>,
-    /// Where all randomness comes from; the same as --set seed=N
+    /// Seed of all random numbers; the same as --set seed=N
     #[arg(long, value_name = "N", value_parser = seed, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Fly N times, one flight after the other, with the seeds from that of the scenario or --seed on. Ctrl-C lands and ends
@@ -93,7 +93,7 @@ pub struct FlyArgs {
     /// Orders from the page.
     #[command(flatten)]
     pub orders: OrdersArgs,
-    /// How long the vehicles may take to find each other, s; without it 60
+    /// Time limit for the vehicles to find each other, s; without it 60
     #[arg(long = "timeout", value_name = "S", value_parser = is_seconds)]
     pub timeout_s: Option<f64>,
     /// Fly more vehicles than this PC carries

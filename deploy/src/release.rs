@@ -27,7 +27,7 @@ pub struct ReleaseArgs {
     pub aircraft: String,
 }
 
-/// How long X-Plane may take to answer, and how long its controls have to stay free: an agent takes them five times a second.
+/// Time limit for X-Plane to answer, and time for which its controls have to stay free: an agent takes them five times a second.
 const ANSWER: Duration = Duration::from_secs(3);
 const STAYS: Duration = Duration::from_millis(600);
 

@@ -38,7 +38,7 @@ pub struct ReplayArgs {
     pub json: bool,
 }
 
-/// Where a replay stops.
+/// The step at which a replay stops.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Break {
     /// At the first step at this time or later, s.
@@ -96,7 +96,7 @@ struct Replayed {
     has_panicked: bool,
     /// Whether the file ends within a step, as after a process was killed.
     is_cut_off: bool,
-    /// Where the file is damaged.
+    /// The damage of the file, with its place; `None` if the file is intact.
     damage: Option<InputsError>,
 }
 

@@ -75,7 +75,7 @@ pub struct ControlOutput {
     pub fault: Option<ControlFault>,
 }
 
-/// Why a step could not compute new controls.
+/// The reason why a step could not compute new controls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ControlFault {
     /// The estimate contains an infinite number or NaN.

@@ -31,7 +31,7 @@ const FROZEN_OVER_M: f64 = 2.0;
 /// Path length from which a repeated position does not follow the vehicle, m. The vehicle does not become an active member
 /// meanwhile.
 const FOLLOWS_WITHIN_M: f64 = 0.2;
-/// How far below its altitude a vehicle counts as being at it, m.
+/// Largest distance below its altitude at which a vehicle counts as being at it, m.
 const BELOW_ALTITUDE_M: f64 = 1.0;
 /// Time for which a vehicle on the ground repeats a position that it can only have in the air, until it counts as frozen, s.
 const OFF_THE_GROUND_S: f64 = 1.0;

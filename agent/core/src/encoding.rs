@@ -1,4 +1,4 @@
-//! How what enters and leaves a vehicle's station is encoded, where its types do not say so themselves.
+//! Encodings for the inputs and outputs of a vehicle's station, where their types define none themselves.
 
 /// A vector as the list of its components.
 pub(crate) mod vector {

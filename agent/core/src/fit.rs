@@ -117,7 +117,7 @@ impl core::fmt::Display for Axis {
     }
 }
 
-/// Why the ladder ended before its top.
+/// The reason why the ladder ended before its top.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// Too few measurements.

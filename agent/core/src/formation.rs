@@ -69,7 +69,7 @@ const OBSTACLE_REACH_M: f64 = 15.0;
 /// Two vehicles nearer than this have no defined direction between them, m.
 const COINCIDENT_M: f64 = 1e-3;
 
-/// Why this program cannot fly a scenario, as one sentence.
+/// The reason why this program cannot fly a scenario, as one sentence.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct UnsupportedScenario(pub String);
@@ -137,7 +137,8 @@ pub struct Formation {
     heights: Heights,
     /// The mission step that was last flown, counted from 0.
     step: usize,
-    /// Where the vehicle waits until it has climbed above another partition, from the centre, north and east, m.
+    /// The position at which the vehicle waits until it has climbed above another partition, north and east of the centre, m;
+    /// `None` while it does not wait.
     waits_at_ne_m: Option<Vector2<f64>>,
     /// All other live members.
     members: VehicleSet,

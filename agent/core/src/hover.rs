@@ -22,7 +22,8 @@ pub const AXES: [&str; 4] = ["roll", "pitch", "heading", "collective"];
 /// Duration of the hover, from the ground, s, and that of its end, in which it is measured.
 const DURATION_S: f64 = 50.0;
 const MEASURED_S: f64 = 15.0;
-/// Where the vehicle has to hover, from its start: north and east, m, altitude, m, and turned from its heading, rad.
+/// The place at which the vehicle has to hover: from its start north and east, m, altitude above it, m, and turn from its first
+/// heading, rad.
 const PLACE_NE_M: [f64; 2] = [3.0, -4.0];
 const ALTITUDE_M: f64 = 20.0;
 const TURNED_RAD: f64 = 0.8;
@@ -30,7 +31,7 @@ const TURNED_RAD: f64 = 0.8;
 /// Height below which a vehicle has not taken off, m.
 const ON_THE_GROUND_M: f64 = 2.0;
 
-/// How a hover went, over its last seconds.
+/// The figures of a hover, over its last seconds unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hover {
     /// Root mean square of the distance from the place, m.
@@ -63,7 +64,7 @@ const LIMITS: [(&str, f64, &str, Figure); 6] = [
 ];
 
 impl Hover {
-    /// Why the hover did not hold, with the figures beyond their limits; `None` if it held.
+    /// The reason why the hover did not hold, with the figures beyond their limits; `None` if it held.
     pub fn fault(&self) -> Option<String> {
         if !self.is_airborne {
             return Some("the vehicle was on the ground at the end".to_string());

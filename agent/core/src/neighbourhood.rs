@@ -8,7 +8,7 @@ use skein_common::topic::Cell;
 /// A vehicle leaves its home cell when it is this far beyond the border, m: one that flies along a border does not
 /// change its subscriptions all the time.
 const HYSTERESIS_M: f64 = 0.1 * Cell::SIDE_M;
-/// How far ahead along its planned path a vehicle subscribes, m.
+/// Largest distance ahead along its planned path at which a vehicle subscribes to cells, m.
 const AHEAD_M: f64 = Cell::SIDE_M;
 
 /// Follows the cells in which a vehicle is, will be and wants to be.

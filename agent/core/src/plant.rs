@@ -143,7 +143,7 @@ pub struct Frame {
 /// A plant's report beside its frames, with a frame or without one.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlantStatus {
-    /// Why the simulator does not simulate the flight, if it does not. A plant that cannot stand still never says so.
+    /// The reason why the simulator does not simulate the flight, if it does not. A plant that cannot stand still never gives one.
     pub standstill: Option<Standstill>,
     /// Faults of the simulator's set-up, as found at its last start; most plants have none.
     pub faults: Vec<SimulatorFault>,

@@ -87,7 +87,7 @@ pub struct Strangers {
     found: Vec<FleetVehicle>,
 }
 
-/// Where and when strangers were searched.
+/// The time, place and reach of a search for strangers.
 #[derive(Clone, Copy, Debug)]
 struct Search {
     at: LocalTime,

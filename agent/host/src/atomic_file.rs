@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::process;
 
-/// How safely a file is written.
+/// The guarantee with which a file is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Durability {
     /// A concurrent reader sees the old content or the new one.

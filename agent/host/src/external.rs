@@ -35,7 +35,7 @@ pub enum LawTransport {
     },
 }
 
-/// Why a law cannot be reached. Each error is one sentence that the user can act on.
+/// The reason why a law cannot be reached. Each error is one sentence that the user can act on.
 #[derive(Debug, thiserror::Error)]
 pub enum ExternalError {
     /// The program does not exist.

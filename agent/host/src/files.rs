@@ -8,7 +8,7 @@ use skein_common::scenario;
 use skein_core::aircraft::{Aircraft, AircraftError, Profile};
 use skein_core::control::{FisError, Rules};
 
-/// Why a file that a scenario names cannot be used. Each error is one sentence that the user can act on.
+/// The reason why a file that a scenario names cannot be used. Each error is one sentence that the user can act on.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// The file cannot be read.

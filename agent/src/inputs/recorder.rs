@@ -30,7 +30,7 @@ pub const FINISH_TIMEOUT: Duration = Duration::from_secs(2);
 #[derive(Debug)]
 pub struct Recorder {
     content: Vec<u8>,
-    /// When the chunk began; `None` before the first step.
+    /// The time at which the chunk began; `None` before the first step.
     began: Option<LocalTime>,
     is_fault: bool,
     /// `None` after a chunk was lost: a replay could not pass the gap.

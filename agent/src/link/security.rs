@@ -19,7 +19,7 @@ use super::LinkError;
 use super::signature::messages::KeyRing;
 use super::signature::{SigningKey, VerificationKey};
 
-/// How the links of a session are secured.
+/// The security of a session's links.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Security {
     /// Plain TCP: any program that reaches it can join. For the loopback, or if requested explicitly.

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use skein_common::id::SwarmName;
 use skein_common::message::Signature;
 
-/// Why a text or bytes are not a key.
+/// The reason why a text or bytes are not a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotAKey {
     /// Not a private key.

@@ -85,9 +85,8 @@ impl LinkReceiver {
         None
     }
 
-    /// Why a state of another team's vehicle is refused, if it is. `run` is the run in its signature, if it has one. The
-    /// number of vehicles of another team is not known here; where messages are signed, only a vehicle of the fleet has a
-    /// key.
+    /// The reason why a state of another team's vehicle is refused, if it is. `run` is the run in its signature, if it has one. The
+    /// number of vehicles of another team is not known here; where messages are signed, only a vehicle of the fleet has a key.
     pub(super) fn refusal_of_stranger(&self, team: TeamId, run: Option<u64>) -> Option<Reason> {
         match run {
             _ if Some(team) == self.branch.team() => Some(Reason::Forged),

@@ -229,9 +229,9 @@ impl Drop for Tunnel {
 /// The sessions to which a host that dials this one is connected.
 struct Host {
     shared: Arc<TunnelState>,
-    /// Where the session listens that is linked with the other vehicles.
+    /// The address at which the session listens that is linked with the other vehicles.
     zenoh: local::Address,
-    /// Where the feed listens.
+    /// The address at which the feed listens; `None` without a feed.
     feed: Option<local::Address>,
     /// Carry the links with vehicles and with guests.
     for_vehicles: Handle,

@@ -25,7 +25,7 @@ pub struct BuiltIn {
     /// Flies the vehicle while the agent has released it.
     pilot: SimulatedPilot,
     script: Script,
-    /// When the script started, and how much of it was over by then, s.
+    /// The start of the script, and the part of it that was over by then, s.
     script_since: Option<(Instant, f64)>,
     command: Option<Command>,
     /// The command that moved the vehicle in the last tick: the agent's or the pilot's.

@@ -77,7 +77,7 @@ pub(super) struct Control {
 pub(super) struct LoopState {
     /// The inputs of this step, with room that is used again.
     pub(super) inputs: StepInputs,
-    /// Why something that the external law sent was refused, until it is reported.
+    /// The reason why something that the external law sent was refused, until it is reported.
     law_refusal: Option<ShortText>,
     workspace: Workspace,
     events: u64,
@@ -85,7 +85,7 @@ pub(super) struct LoopState {
     /// Health messages that were dropped because the publishing thread still had the previous one.
     unsent_healths: u64,
     summaries: u64,
-    /// When the next summary is due, and the activity that the last one showed.
+    /// The time at which the next summary is due, and the activity that the last one showed.
     next_summary: LocalTime,
     summarised: Option<Activity>,
     /// Timing of the last full second.

@@ -1,4 +1,4 @@
-//! How severe an event is: one decision for logs, recordings, reports, pages, terminals and ground stations.
+//! The severity of each event: one decision for logs, recordings, reports, pages, terminals and ground stations.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ pub enum Severity {
 }
 
 impl EventKind {
-    /// How severe it is that this happens to a vehicle.
+    /// The severity of this event for the vehicle to which it happens.
     pub fn severity(&self) -> Severity {
         match self {
             Self::BecameActive

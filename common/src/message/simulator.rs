@@ -3,7 +3,7 @@
 use arrayvec::ArrayString;
 use serde::{Deserialize, Serialize};
 
-/// Why a simulator does not simulate the flight of its vehicle.
+/// The reason why a simulator does not simulate the flight of its vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum Standstill {

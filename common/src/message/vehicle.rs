@@ -302,7 +302,7 @@ impl LawNumber {
 pub struct PeerAge {
     /// The peer.
     pub id: VehicleId,
-    /// How its newest state stands with this vehicle.
+    /// Status of the peer as this vehicle sees it.
     pub standing: PeerStatus,
     /// Upper bound of the age of the peer's newest state by the receiver's clock, s; it includes the delay once a round
     /// trip is known.
@@ -417,7 +417,7 @@ pub struct Fact {
     pub column: Option<FactColumn>,
 }
 
-/// How the page's card of a vehicle shows a fact.
+/// The presentation of a fact on the page's card of a vehicle.
 #[derive(Clone, Copy, Debug)]
 pub struct FactLine {
     /// The name before the number.
@@ -428,7 +428,7 @@ pub struct FactLine {
     pub about: &'static str,
 }
 
-/// How the table on a terminal shows a fact.
+/// The presentation of a fact as a column of the table on a terminal.
 #[derive(Clone, Copy, Debug)]
 pub struct FactColumn {
     /// Its headings: on a terminal of 80 columns, and on a wide one.

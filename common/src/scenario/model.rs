@@ -392,7 +392,7 @@ pub enum Rules {
     Folder(PathBuf),
 }
 
-/// Where the controllers run, `control.mode`.
+/// The place where the controllers run, `control.mode`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlMode {

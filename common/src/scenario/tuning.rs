@@ -28,7 +28,7 @@ impl Setting {
     }
 }
 
-/// Why a text is not a setting.
+/// The reason why a text is not a setting.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingError {
     /// It is not KEY=VALUE.

@@ -13,7 +13,7 @@ pub struct TopicDescription {
     pub sender: &'static str,
     /// The processes that receive it.
     pub receivers: &'static str,
-    /// When it is sent.
+    /// The occasions on which it is sent.
     pub when: &'static str,
     /// Zenoh's delivery settings.
     pub delivery: &'static str,

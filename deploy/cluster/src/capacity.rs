@@ -16,7 +16,7 @@ pub use wire::{PaperEquation, data_output_bytes, of_datagram_bytes, of_segment_b
 
 /// Vehicles for each core below which a swarm fits onto any PC and nothing is measured.
 const UNMEASURED_A_CORE: usize = 4;
-/// How long the sessions are silent, and how long they send, s.
+/// Time for which the sessions are silent, and the equal time for which they send, s.
 const SENDING_S: f64 = 0.6;
 /// Number of attempts to measure the cost of a message: where other programs use the processor, silence can seem more
 /// expensive than sending.
@@ -29,9 +29,9 @@ const FLIGHT_S: f64 = 40.0;
 struct Costs {
     /// Processor time of a message from one agent to another, both ends together, µs.
     message_us: f64,
-    /// How often a vehicle sends its state, Hz.
+    /// Rate at which a vehicle sends its state, Hz.
     states_hz: f64,
-    /// How often it sends a heartbeat, Hz.
+    /// Rate at which it sends heartbeats, Hz.
     heartbeat_hz: f64,
     /// Processor time of its steps, flight model included.
     step: StepTime,

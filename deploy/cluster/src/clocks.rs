@@ -6,9 +6,9 @@ use skein_common::statistics::median;
 /// Largest clock offset that is not reported, s. Nothing in flight depends on the clocks.
 pub(crate) const CLOCK_S: f64 = 0.020;
 
-/// How far a node's clock is ahead of the swarm's, from the node's measurements of its peers' clocks. The swarm's clock
-/// is the median of all clocks that the node knows, including its own. With three or more nodes, a wrong clock is
-/// noticed by every node and makes no other clock look wrong. `None` before anything was measured.
+/// The time by which a node's clock is ahead of the swarm's, from the node's measurements of its peers' clocks. The swarm's clock
+/// is the median of all clocks that the node knows, including its own. With three or more nodes, a wrong clock is noticed by every
+/// node and makes no other clock look wrong. `None` before anything was measured.
 pub fn ahead_of_swarm(peers: &[PeerHealth]) -> Option<ClockOffset> {
     let measured: Vec<ClockOffset> = peers.iter().filter_map(|peer| peer.clock).collect();
     if measured.is_empty() {
@@ -33,7 +33,7 @@ mod tests {
 
     use super::*;
 
-    /// How far the clock of a node is ahead whose peers' clocks are ahead of it by `peers_s`, each known to 1 ms.
+    /// The time by which the clock of a node is ahead whose peers' clocks are ahead of it by `peers_s`, each known to 1 ms, s.
     fn ahead(peers_s: &[f64]) -> Option<f64> {
         let peer = |(id, offset_s)| PeerHealth {
             id,

@@ -1,4 +1,4 @@
-//! What people see of a swarm on a terminal: `fly` shows its own flight with it, `view --terminal` that of another process.
+//! The view of a swarm on a terminal: `fly` shows its own flight with it, `view --terminal` that of another process.
 //!
 //! | module | what it does |
 //! | --- | --- |

@@ -33,8 +33,8 @@ pub struct DownArgs {
     /// The nodes.
     #[command(flatten)]
     pub nodes: NodesArgs,
-    /// How long the vehicles may take to land, s; then agents are ended wherever they are. Without it long enough for the
-    /// scenario's greatest height
+    /// Time limit for the vehicles to land, s; then agents are ended wherever they are. Without it long enough for the scenario's
+    /// greatest height
     #[arg(long = "timeout", value_name = "S", value_parser = is_seconds)]
     pub timeout_s: Option<f64>,
 }
@@ -188,7 +188,7 @@ fn order_to_land(watch: &mut Watch, reaches: &[Reach], line: &ProgressLine<'_>) 
     parts.join("; ")
 }
 
-/// How an agent ended.
+/// The result of ending an agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stopped {
     /// After its vehicle had landed.

@@ -15,7 +15,7 @@ use skein_host::atomic_file::{self, Durability};
 use crate::os;
 use skein_lab::error::Error;
 
-/// How long an agent on this PC may take to accept a connection.
+/// Time limit for an agent on this PC to accept a connection.
 const ANSWER: Duration = Duration::from_millis(200);
 
 /// Size limit of an endpoints file, bytes.

@@ -47,7 +47,7 @@ pub struct InstallArgs {
     /// Install also where another authority owns the node; refused while a vehicle of that authority flies
     #[arg(long, conflicts_with = "rollback")]
     pub take_over: bool,
-    /// How long a vehicle that is restarted may take to be ready again, s
+    /// Time limit for a vehicle that is restarted to be ready again, s
     #[arg(long = "timeout", value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
     pub timeout_s: f64,
     /// Folder for the files of nodes that are installed by hand

@@ -30,7 +30,7 @@ pub struct Inventory {
     pub scenario: Described,
     /// Text of the scenario file.
     pub scenario_text: String,
-    /// How links are secured.
+    /// The security of the links.
     pub security: SecurityKind,
     /// Absolute paths of files and folders outside the scenario's folder that may be copied to the nodes.
     pub files: Vec<PathBuf>,
@@ -79,7 +79,7 @@ impl Inventory {
     }
 }
 
-/// How links are secured.
+/// The security of a cluster's links.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SecurityKind {
     /// Mutual TLS and signed messages.
@@ -106,7 +106,7 @@ pub struct Node {
     pub plant: PlantKind,
     /// `HOST[:PORT]` of its simulator as seen from its host.
     pub xplane: Option<String>,
-    /// How it is installed.
+    /// The method of its installation.
     pub install: Install,
     /// Absolute path of the program for its platform, if it is not the program that runs here.
     pub binary: Option<PathBuf>,
@@ -118,7 +118,7 @@ pub struct Node {
     pub log: Option<String>,
 }
 
-/// How a node is installed.
+/// The method of a node's installation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Install {
     /// By this program, over ssh.

@@ -139,7 +139,7 @@ pub struct Outcome {
     pub host: String,
     /// The result, briefly: `landed`. In texts for people a hyphen is a space.
     pub done: &'static str,
-    /// Why it failed; `None` if it did not.
+    /// The reason of its failure; `None` if it did not fail.
     pub why: Option<String>,
     /// Additional information that is not a fault.
     pub note: Option<String>,

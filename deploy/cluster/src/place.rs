@@ -57,7 +57,7 @@ pub struct PlaceArgs {
     pub json: bool,
 }
 
-/// How long a flight may take to load, and how far from the start an aircraft may be, m: X-Plane puts it some metres ahead.
+/// Time limit for a flight to load, and largest distance of an aircraft from its start, m: X-Plane puts it some metres ahead.
 const LOADED_WITHIN: Duration = Duration::from_secs(60);
 const NEAR_M: f64 = 30.0;
 const WATCHED: Duration = Duration::from_secs(1);
@@ -242,7 +242,7 @@ fn surroundings(web: &WebApi, scenario: &Scenario, place: &Geodetic) -> Map<Stri
     flight
 }
 
-/// Where the aircraft is; the scenario's origin if that is unknown.
+/// The position of the aircraft; the scenario's origin if that is unknown.
 pub fn here(scenario: &Scenario, found: Option<&Position>) -> Geodetic {
     let place = |found: &Position| Geodetic::from_degrees(found.latitude_deg, found.longitude_deg, found.elevation_m);
     found.map_or_else(|| scenario.origin.geodetic(), place)

@@ -43,8 +43,8 @@ impl fmt::Display for HostPort {
     }
 }
 
-/// Where a test listens at a free port of this PC that stays closed when the test has closed it: no program listens at this address
-/// and might take the port. macOS has only the usual address.
+/// Address at which a test listens at a free port of this PC that stays closed when the test has closed it: no program listens at
+/// this address and might take the port. macOS has only the usual address.
 #[cfg(test)]
 pub(crate) const LEFT_ALONE: &str = if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" };
 

@@ -149,7 +149,7 @@ pub enum Reached {
     No(Cause, String),
 }
 
-/// Why a connection cannot be made.
+/// The reason why a connection cannot be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Cause {
     /// The name of the host cannot be resolved.
@@ -208,7 +208,7 @@ pub struct RunningAgent {
     pub installed: Installed,
     /// The run of the swarm.
     pub run: u64,
-    /// How often it has failed and was restarted in this run.
+    /// Number of times that it has failed and was restarted in this run.
     pub restarts: u32,
     /// Time limit for a landing in the scenario that it was started with, s; 0 if unknown.
     #[serde(default)]

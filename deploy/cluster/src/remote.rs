@@ -35,7 +35,7 @@ const NODE: &str = r#"p=$(readlink -- "$1/node-$2/current"); p=${p##*/}; for p i
 /// Output of [`NODE`] if nothing of the swarm is installed.
 const NOT_INSTALLED: &str = "skein: not installed";
 
-/// Why a node's host did not fulfil a request.
+/// The reason why a node's host did not fulfil a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// Nothing of the swarm is installed.
@@ -78,9 +78,9 @@ pub struct FolderProbe {
     pub user: String,
     /// The user to whom the folder belongs.
     pub owner: String,
-    /// Why no file can be written there.
+    /// The reason why no file can be written there, if that is so.
     pub unwritable: Option<String>,
-    /// Why a small program that was copied there does not run.
+    /// The reason why a small program that was copied there does not run, if that is so.
     pub unrunnable: Option<String>,
     /// Size limit of this user's files, bytes.
     pub limit_bytes: Option<u64>,

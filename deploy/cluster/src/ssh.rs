@@ -46,10 +46,10 @@ pub(super) const MAX_SENTENCE: usize = 400;
 const MAX_LINE: usize = 4000;
 /// Interval at which a call is checked.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
-/// How long to wait for the end of the error output after `ssh` has ended: it is there at once, but a connection that stays
-/// open may hold the pipe.
+/// Time to wait for the end of the error output after `ssh` has ended: it is there at once, but a connection that stays open may
+/// hold the pipe.
 const LAST_ERROR_OUTPUT: Duration = Duration::from_millis(200);
-/// How long to wait for the end of the answer. No connection holds its pipe, so only a busy computer needs the time.
+/// Time to wait for the end of the answer. No connection holds its pipe, so only a busy computer needs the time.
 const LAST_ANSWER: Duration = Duration::from_secs(5);
 /// Length limit of the socket's path: 107 bytes, of which ssh needs 40 for a hash and 17 while it creates the socket.
 const LONGEST_SOCKET: usize = 107 - 40 - 17;

@@ -24,7 +24,7 @@ use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::terminal::wrapped;
 
-/// How long to wait for health reports: agents send one a second, and a new link takes some time.
+/// Time to wait for health reports: agents send one a second, and a new link takes some time.
 const LISTEN: Duration = Duration::from_millis(2500);
 /// Interval at which received messages are read.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -40,7 +40,7 @@ pub struct ClusterStatusArgs {
     /// The cluster.
     #[command(flatten)]
     pub file: FileArgs,
-    /// How to show it.
+    /// The form in which its status is shown.
     #[command(flatten)]
     pub shown: ShownArgs,
 }
@@ -52,7 +52,7 @@ pub struct StatusArgs {
     /// The swarm.
     #[command(flatten)]
     pub swarm: SwarmArgs,
-    /// How to show it.
+    /// The form in which its status is shown.
     #[command(flatten)]
     pub shown: ShownArgs,
 }
@@ -138,7 +138,7 @@ pub struct HealthReport {
     pub peer_age_ms: Option<f64>,
     /// Upper bound of the longest delay of these, ms; `None` while the delay of one of them is not known.
     pub peer_delay_ms: Option<f64>,
-    /// How far its clock is ahead of the swarm's, ms, once measured.
+    /// Time by which its clock is ahead of the swarm's, ms, once measured.
     pub clock_offset_ms: Option<f64>,
     /// Bound of the error of the offset, ms.
     pub clock_bound_ms: Option<f64>,
@@ -169,7 +169,7 @@ pub struct HealthReport {
 /// A kind of rejected message.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Refusal {
-    /// Why it was rejected.
+    /// The reason of the rejection.
     pub reason: String,
     /// The Zenoh key that it was received under.
     pub key: String,
@@ -285,7 +285,7 @@ pub fn status(place: &Place, args: ShownArgs) -> Result<(), Error> {
     }
 }
 
-/// Where the reason is found why a node is not in contact.
+/// Names the logs or commands that show why a node is not in contact.
 fn remedy(place: &Place) -> String {
     match place {
         Place::Here(there) => {

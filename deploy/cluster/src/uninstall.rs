@@ -22,7 +22,7 @@ pub struct UninstallArgs {
     /// Land vehicles that fly first; without it nothing is done while one does
     #[arg(long)]
     pub force: bool,
-    /// How long the vehicles may take to land, s; without it long enough for the scenario's greatest height
+    /// Time limit for the vehicles to land, s; without it long enough for the scenario's greatest height
     #[arg(long = "timeout", value_name = "S", value_parser = is_seconds, requires = "force")]
     pub timeout_s: Option<f64>,
 }

@@ -40,7 +40,7 @@ pub struct UpArgs {
     /// The nodes.
     #[command(flatten)]
     pub nodes: NodesArgs,
-    /// How long the vehicles may take to be ready, s
+    /// Time limit for the vehicles to be ready, s
     #[arg(long = "timeout", value_name = "S", default_value_t = 60.0, value_parser = is_seconds)]
     pub timeout_s: f64,
     /// Start the agents though a host carries fewer

@@ -122,7 +122,7 @@ pub struct Comparison {
     pub confidence: f64,
     /// Figures that are worse at some point.
     pub worse: Vec<String>,
-    /// Where the scenarios are the same within a side: one without a sweep.
+    /// The points at each of which the scenarios are the same within a side; a single one without a sweep.
     pub points: Vec<ComparedPoint>,
 }
 

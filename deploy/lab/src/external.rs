@@ -80,7 +80,7 @@ pub struct LawPool {
     programs: Arc<Mutex<Vec<Programs>>>,
     /// Faults about which a warning was printed.
     warned: Warned,
-    /// How long a program may send nothing, in place of the times above.
+    /// Time for which a program may send nothing, if one was set in place of the times above.
     timeout: Option<Duration>,
     /// Makes laws in this process, instead of programs.
     local: Option<LawMaker>,
@@ -180,7 +180,7 @@ pub struct Programs {
     listener: Option<TcpListener>,
     hellos: Vec<Hello>,
     warned: Warned,
-    /// How long a law may send nothing, if that was set.
+    /// Time for which a law may send nothing, if one was set.
     timeout: Option<Duration>,
     /// Whether each vehicle's agent has sent a query in this run.
     has_asked: BTreeMap<VehicleId, bool>,
@@ -502,8 +502,8 @@ impl Conversation {
     }
 }
 
-/// How long a law may send nothing. A set time counts from the begin on, unless the law gets datagrams: it may be started later
-/// than the study.
+/// The time for which a law may send nothing. A set time counts from the begin on, unless the law gets datagrams: it may be started
+/// later than the study.
 fn limit(has_answered: bool, gets_datagrams: bool, set: Option<Duration>) -> Duration {
     match set {
         Some(set) if has_answered || !gets_datagrams => set,

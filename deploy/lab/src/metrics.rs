@@ -196,7 +196,7 @@ pub struct Totals {
     pub state_messages: u64,
     /// Payload of those messages, bytes.
     pub state_bytes: u64,
-    /// How often safety filters have changed a command; `None` without filters.
+    /// Number of times that safety filters have changed a command; `None` without filters.
     pub safety_activations: Option<u64>,
     /// Queries that external laws have not answered; `None` without such laws.
     pub law_misses: Option<u64>,

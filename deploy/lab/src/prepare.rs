@@ -70,7 +70,7 @@ fn own_rules<'a>(scenario: &'a Scenario, ready: &'a Ready) -> impl Iterator<Item
     all.collect::<BTreeMap<_, _>>().into_iter()
 }
 
-/// Why the scenario's own rules cannot fly one of its aircraft, and which file is at fault.
+/// The reason why the scenario's own rules cannot fly one of its aircraft, with the file at fault; `None` without such a fault.
 fn unfit_rules(scenario: &Scenario, ready: &Ready) -> Option<String> {
     let auto_trim = scenario.control.auto_trim;
     let mut faults = own_rules(scenario, ready).filter_map(|(name, aircraft)| {

@@ -52,7 +52,7 @@ const JOIN_LIMIT_S: f64 = 60.0;
 const DEFAULT_DURATION_S: f64 = 400.0;
 const LONGEST_MISSION_S: f64 = 3600.0;
 
-/// Why a study cannot be run.
+/// The reason why a study cannot be run.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
     /// The scenario cannot be flown in virtual time.
@@ -97,7 +97,7 @@ pub struct Study {
     pub aircraft: Vec<Aircraft>,
     /// The controllers' rules.
     pub rules: Rules,
-    /// Where external laws wait for their next run.
+    /// The pool in which external laws wait for their next run.
     pub laws: LawPool,
 }
 

@@ -81,7 +81,7 @@ fn shell_lines(command: &str, columns: usize) -> String {
     }
 }
 
-/// Why the first text did not reach stdout, if one did not.
+/// The reason why a text did not reach stdout, for the first that did not.
 static LOST: OnceLock<String> = OnceLock::new();
 
 /// Keeps the first error of stdout for [`lost`]. A closed pipe is left out: its reader has what it wanted.

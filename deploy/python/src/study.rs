@@ -45,7 +45,7 @@ pub(crate) struct Wanted {
     is_recorded: bool,
 }
 
-/// How far the study is.
+/// The progress of a study: the number of its runs, and of those done.
 #[derive(Default)]
 struct Count {
     runs: AtomicUsize,

@@ -51,7 +51,7 @@ pub struct XplaneCheckArgs {
     pub json: bool,
 }
 
-/// How long positions are watched, and how long a report gathers datagrams.
+/// Time for which positions are watched, and time for which a report gathers datagrams.
 const WATCHED: Duration = Duration::from_secs(5);
 const REPORTED: Duration = Duration::from_secs(60);
 /// Positions a second that an agent asks for; below the second number, which allows for the measurement, it flies, but not as
@@ -99,7 +99,7 @@ fn flown(args: &ScenarioArgs) -> Result<(Scenario, Profile), Error> {
     Ok((scenario, profile))
 }
 
-/// Where the scenario has the Web API of the X-Plane of one of its vehicles.
+/// The address of the Web API that the scenario gives for the X-Plane of one of its vehicles.
 fn web_of<'a>(scenario: &'a Scenario, simulator: &HostPort) -> Option<&'a str> {
     let address = simulator.to_string();
     let its = |vehicle: &&Vehicle| vehicle.xplane.as_ref() == Some(&address);
@@ -366,7 +366,7 @@ fn overrides(place: &str, surveyor: &Surveyor, survey: &Survey, profile: &Profil
     })
 }
 
-/// Where the aircraft is from the scenario's origin.
+/// The line about the aircraft's distance from the scenario's origin; `None` without a position.
 fn origin(place: &str, survey: &Survey, scenario: &Scenario) -> Option<Line> {
     let position = survey.position.as_ref()?;
     let (away_m, ground_m) = from_origin_m(&Origin::new(scenario.origin.geodetic()), position);

@@ -27,7 +27,7 @@ pub struct Children(Vec<Child>);
 struct Child {
     role: ProcessRole,
     id: VehicleId,
-    /// How it was started the first time.
+    /// The arguments with which it was started the first time.
     arguments: Vec<OsString>,
     process: Process,
     /// Open for as long as the process is wanted.
@@ -43,7 +43,7 @@ pub struct Ended {
     pub role: ProcessRole,
     /// Its vehicle.
     pub id: VehicleId,
-    /// How it ended.
+    /// Its exit status.
     pub status: ExitStatus,
     /// The last thing it wrote, if it failed by itself.
     pub last_words: Option<String>,
@@ -107,7 +107,7 @@ impl Children {
         ended
     }
 
-    /// How this process ended, if it has.
+    /// The exit status of this process, if it has ended.
     pub fn how_ended(&self, role: ProcessRole, id: VehicleId) -> Option<ExitStatus> {
         self.0.iter().find(|child| child.role == role && child.id == id)?.ended
     }

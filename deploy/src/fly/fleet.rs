@@ -255,7 +255,7 @@ fn write_fleet(over: &[FlightResult], report: &FleetReport, out: &Path) -> Resul
 #[derive(Debug)]
 struct Separations {
     across: Across,
-    /// When the first vehicle was in the air.
+    /// The time at which the first vehicle was in the air.
     since: Option<Instant>,
 }
 

@@ -71,7 +71,7 @@ pub struct Flight {
     plan: Plan,
     /// The swarm gathers within this time, or does not fly.
     gather_within: Duration,
-    /// How often this process has been asked to end.
+    /// Number of times that this process has been asked to end.
     asked: u32,
     children: Children,
     observer: Observer,
@@ -84,10 +84,10 @@ pub struct Flight {
     /// The recording has failed, and the operator was informed.
     recording_failed: bool,
     stage: Stage,
-    /// When the stage began, and how often this process had been asked to end by then.
+    /// The time at which the stage began, and the number of requests to end that this process had received by then.
     since: Instant,
     asked_before: u32,
-    /// When the window began, by both clocks.
+    /// The beginning of the window by both clocks; `None` before.
     zero: Option<Zero>,
     report: Option<Report>,
     /// The messages that each vehicle of a team had received when the figures ended.

@@ -15,7 +15,7 @@ use skein_lab::faults::{InjectedFault, LinkChange, LinkChanges, link_changes};
 pub struct Ground {
     /// Changes of links, from a sender to a receiver, that are still to come, each with its time, s.
     schedule: Vec<(f64, (VehicleId, VehicleId), LinkChange)>,
-    /// When each vehicle first was active: the times of the scenario's cuts count from the receiver's.
+    /// The time at which each vehicle first was active: the times of the scenario's cuts count from the receiver's.
     took_off: BTreeMap<VehicleId, Instant>,
     /// The incarnations that ended last; without a number for agents that were never in contact.
     ended: BTreeMap<VehicleId, Option<Incarnation>>,

@@ -81,7 +81,7 @@ fn aircraft_file(endpoints: &Endpoints, name: &str) -> PathBuf {
     endpoints.out.join(format!("{name}.toml"))
 }
 
-/// Where the log of a process is.
+/// The path of a process's log.
 pub fn log(folder: &Path, role: ProcessRole, id: VehicleId) -> PathBuf {
     folder.join(match role {
         ProcessRole::Agent => format!("{id}.log"),

@@ -33,7 +33,7 @@ use skein_cluster::{endpoints, landing};
 /// Interval at which a series looks whether vehicles that were left in the air are down.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// How a flight of a series ended.
+/// The end of a flight of a series.
 enum FlightEnd {
     /// With figures.
     Flown,
@@ -54,7 +54,7 @@ struct SeriesOutcome<'a> {
     /// Flights with figures.
     flown: usize,
     failed: Vec<FailedFlight<'a>>,
-    /// Why the series ended early; null if it did not.
+    /// The reason why the series ended early; null if it did not.
     error: Option<String>,
     out: String,
     /// Every figure over all flights, as in `summary.json`.

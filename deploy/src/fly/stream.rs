@@ -62,7 +62,7 @@ pub enum Line {
     },
     /// The state of the flight, every ten seconds.
     Progress {
-        /// How far the flight is.
+        /// The stage of the flight.
         stage: Stage,
         /// Time flown, s.
         flown_s: f64,
@@ -103,7 +103,7 @@ impl Line {
 /// A line that happened in a flight.
 #[derive(Clone, Debug)]
 pub struct Happened {
-    /// When, by this process's clock.
+    /// The time at which it happened, by this process's clock.
     pub at: Instant,
     /// Time since the window of the figures began, s; `None` before.
     pub window_s: Option<f64>,
@@ -128,7 +128,7 @@ struct Timed<'a, T: Serialize> {
 #[derive(Serialize)]
 #[serde(tag = "kind", rename = "result")]
 struct Outcome<'a, R: Serialize> {
-    /// Why the flight failed; null if it did not.
+    /// The reason why the flight failed; null if it did not.
     error: Option<&'a str>,
     /// Lost vehicles, an incomplete recording.
     notes: &'a [String],

@@ -22,7 +22,7 @@ use skein_lab::terminal::say;
 const TICK: Duration = Duration::from_millis(20);
 /// A vehicle whose newest step is older than this is at an unknown place.
 const NEW: Duration = Duration::from_secs(1);
-/// How long to wait for the first message of the swarm.
+/// Time to wait for the first message of the swarm.
 const LISTEN: Duration = Duration::from_secs(5);
 
 /// `skein record`

@@ -20,7 +20,7 @@ const MOST_KEPT: usize = 5_000;
 pub(super) struct Event {
     /// Time of the flight, s; `None` if that is not known.
     pub(super) t_s: Option<f64>,
-    /// When it arrived at this server, ms since 1970; `None` in a recording.
+    /// Time of its arrival at this server, ms since 1970; `None` in a recording.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) at_ms: Option<u64>,
     pub(super) vehicle: Option<String>,

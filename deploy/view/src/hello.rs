@@ -49,7 +49,7 @@ pub(super) fn hello(teams: &[Team], title: &str, span_s: Option<(f64, f64)>, nee
     .to_string()
 }
 
-/// How the page's card of a vehicle shows a fact; `None` if it does not.
+/// The presentation of a fact on the page's card of a vehicle; `None` if the card does not show it.
 fn card_line(Fact { key, factor, decimals, line, .. }: &Fact) -> Option<Value> {
     let FactLine { name, unit, about } = (*line)?;
     Some(json!({ "key": key, "name": name, "about": about, "factor": factor, "decimals": decimals, "unit": unit }))

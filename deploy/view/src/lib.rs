@@ -141,7 +141,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Error> {
 /// The option of `skein view` with the page's address.
 const LISTEN: &str = "--listen";
 
-/// How the page of a live swarm is served.
+/// The settings with which the page of a live swarm is served.
 #[derive(Clone, Copy, Debug)]
 pub struct Served<'a> {
     /// Address of the page; without it the first free port of the loopback.
@@ -150,7 +150,7 @@ pub struct Served<'a> {
     pub option: &'static str,
     /// Names of the server.
     pub names: &'a NameArgs,
-    /// Who may order the swarm.
+    /// The options that permit orders from the page.
     pub orders: &'a OrdersArgs,
 }
 

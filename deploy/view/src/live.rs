@@ -39,7 +39,7 @@ const SILENT_AFTER: Duration = Duration::from_secs(3);
 /// The vehicles' summaries may take this long after a page has opened: only then a vehicle without one is shown without.
 const SUMMARIES_WITHIN: Duration = Duration::from_secs(2);
 
-/// Why nothing can be shown.
+/// The reason why nothing can be shown, and its remedy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Problem {
     pub(super) text: String,
@@ -61,7 +61,7 @@ pub(super) struct Frame {
     pub(super) hello: Option<(Utf8Bytes, u64)>,
     pub(super) problem: Option<Problem>,
     pub(super) events: Arc<EventLog>,
-    /// When the flight began, as far as is known.
+    /// The time at which the flight began, if that is known.
     pub(super) zero: Option<Instant>,
     pub(super) snapshot: Option<Snapshot>,
     /// The message with the whole snapshot, made once for all pages.
@@ -146,7 +146,7 @@ struct Watched {
     observers: Observers,
     teams: Arc<Vec<Team>>,
     hello: Utf8Bytes,
-    /// When an agent was last in contact, or the swarm was found.
+    /// The time at which an agent was last in contact, or the swarm was found.
     answered: Instant,
     zero: Option<Instant>,
     /// Since when pages want pictures, if they do.
@@ -322,7 +322,7 @@ impl Watched {
         }
     }
 
-    /// Why no agent answers.
+    /// The reason why no agent answers, and its remedy.
     fn silence(&self) -> Problem {
         let title = match self.reaches.as_slice() {
             [only] => only.title(),

@@ -105,7 +105,7 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) 
 /// The playback of one page.
 struct PlayingPage {
     wishes: Wishes,
-    /// Where it plays: from this time on, since this instant, at this speed; `None` before its first request.
+    /// The place of the playback: from this time on, since this instant, at this speed; `None` before its first request.
     position: Option<(f64, Instant, f64)>,
     /// Whether a page that shows one instant is to receive it again.
     is_due: bool,

@@ -37,14 +37,14 @@ const MAX_MESSAGE: usize = 4 * 1024;
 /// Number of bytes to a client that may wait: it is too slow when they are more.
 const MAX_UNSENT: usize = 4 * 1024 * 1024;
 
-/// Where the swarm is shown: the path of the WebSocket.
+/// The path of the WebSocket through which the swarm is shown.
 const LIVE: &str = "/live";
 
 /// The sources that the page may load: its own files and its own server.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// Where the snapshots come from.
+/// The source of the snapshots.
 pub(super) enum Source {
     /// A live swarm.
     Live(watch::Sender<Arc<Frame>>),

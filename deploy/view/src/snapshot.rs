@@ -1,4 +1,4 @@
-//! What the page shows of a swarm or fleet at one instant: the JSON of a snapshot, and the places of a large swarm as bytes.
+//! The page's view of a swarm or fleet at one instant: the JSON of a snapshot, and the places of a large swarm as bytes.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -67,7 +67,7 @@ impl Team {
     }
 }
 
-/// How bad something is.
+/// The level of a status or of one of its reasons, from good to bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Level {
@@ -76,13 +76,13 @@ pub(super) enum Level {
     Bad,
 }
 
-/// How a swarm is.
+/// The status of a swarm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Status {
     pub(super) level: Level,
     /// One line with the most important figures.
     pub(super) text: String,
-    /// Why the level is not [`Level::Ok`], the worst first.
+    /// The reasons why the level is not [`Level::Ok`], the worst first.
     pub(super) reasons: Vec<String>,
 }
 
@@ -100,7 +100,7 @@ pub(super) struct Snapshot {
     pub(super) t_s: Option<f64>,
     /// The server's time, ms since 1970.
     pub(super) at_ms: u64,
-    /// How the swarm is, in one line.
+    /// The status of the swarm, in one line.
     pub(super) status: Status,
     /// All vehicles, in the order of the list that the page has received.
     pub(super) vehicles: Vec<Vehicle>,
@@ -331,7 +331,7 @@ fn changed_formation(team: &Team, sample: &VehicleFacts) -> Option<Value> {
     formation.filter(|_| !sample.settings.is_empty()).map(|formation| drawn_formation(&formation))
 }
 
-/// Where a vehicle probably is that has been silent for this time.
+/// The probable position of a vehicle that has been silent for this time.
 fn dead_reckoned(sample: &VehicleFacts, silent: Duration) -> PositionNed {
     let moved = if sample.activity == Activity::Landed { 0.0 } else { silent.as_secs_f64().min(DEAD_RECKONED_S) };
     let mut position = sample.place() + sample.velocity.0 * moved;
@@ -360,7 +360,7 @@ pub(super) fn add_nearest(vehicles: &mut [Vehicle]) {
     }
 }
 
-/// Where a team of a fleet is: the centre that its first vehicle in contact follows, and the least step.
+/// The place of a team of a fleet: the centre that its first vehicle in contact follows, and the least step.
 pub(super) fn team_place(team: &Team, vehicles: &[Vehicle]) -> Option<TeamPlace> {
     let id = team.id()?;
     let centre = vehicles.iter().filter(|vehicle| vehicle.contact).find_map(|vehicle| vehicle.centre_ne_m);

@@ -1,4 +1,4 @@
-//! How a swarm is, in one line: good, to be watched, or bad, with the reasons.
+//! The status of a swarm, in one line: good, to be watched, or bad, with the reasons.
 
 use std::collections::BTreeMap;
 

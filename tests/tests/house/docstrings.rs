@@ -1,10 +1,13 @@
-//! A rule for docstrings: their beginning says what is returned, held or done.
+//! A rule for the docstrings of items and modules: their beginning says what is returned, held or done. `Whether` is allowed: it
+//! is the usual beginning for a bool.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Beginnings of a question or half a sentence.
-const REFUSED: [&str; 4] = ["What", "Which", "Of", "As"];
+const REFUSED: [&str; 9] = ["What", "Which", "Of", "As", "How", "Where", "Why", "When", "Who"];
+/// Marks of the docstrings of items and of modules.
+const MARKS: [&str; 2] = ["///", "//!"];
 
 /// Collects the Rust sources below a folder, without tests and build results.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
@@ -22,16 +25,16 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
 /// The first lines of docstrings, with their line numbers, that begin in a refused way.
 fn refused(source: &str) -> Vec<(usize, &str)> {
     let mut found = Vec::new();
-    let mut was_doc = false;
+    let mut before = None;
     for (nth, line) in source.lines().enumerate() {
         let line = line.trim_start();
-        let is_doc = line.starts_with("///");
-        let text = line.trim_start_matches('/').trim_start();
+        let mark = MARKS.into_iter().find(|mark| line.starts_with(mark));
+        let text = mark.map_or("", |mark| line[mark.len()..].trim_start());
         let first = text.split(|letter: char| !letter.is_alphanumeric()).next().unwrap_or_default();
-        if is_doc && !was_doc && REFUSED.contains(&first) {
+        if mark.is_some() && mark != before && REFUSED.contains(&first) {
             found.push((nth + 1, line));
         }
-        was_doc = is_doc;
+        before = mark;
     }
     found
 }
@@ -55,4 +58,7 @@ fn docstrings_begin_with_a_verb_or_a_noun_phrase() {
     let source =
         "/// What it does.\n/// Which is this.\nfn f() {}\n/// Assigns.\n    /// As below.\n\n    /// As above.\n";
     assert_eq!(refused(source), [(1, "/// What it does."), (7, "/// As above.")]);
+    let source =
+        "//! How it flies.\n//! When it lands.\n\n/// Whether it flies.\nfn f() {}\n    /// Why not.\n// Where.\n";
+    assert_eq!(refused(source), [(1, "//! How it flies."), (6, "/// Why not.")]);
 }

@@ -271,7 +271,7 @@ fn largest_output(fis: &Fis, system: &Sugeno) -> f64 {
     (0..points).map(output).fold(0.0, f64::max)
 }
 
-/// How much the command rises from this magnitude of one input below zero to that above, the others at zero.
+/// The rise of the command while one input goes from this magnitude below zero to the same above, the others at zero.
 fn change(system: &Sugeno, inputs: usize, nth: usize, at: f64) -> f64 {
     let command = |value: f64| {
         let inputs: Vec<f64> = (0..inputs).map(|input| if input == nth { value } else { 0.0 }).collect();

@@ -67,14 +67,14 @@ pub struct Fis {
     pub(super) rules: Vec<Rule>,
 }
 
-/// How "and" joins degrees, `AndMethod`.
+/// The operation by which "and" joins degrees, `AndMethod`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum And {
     Product,
     Least,
 }
 
-/// How "or" joins degrees, `OrMethod`.
+/// The operation by which "or" joins degrees, `OrMethod`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Or {
     /// a + b − a b, `probor`.
@@ -82,7 +82,7 @@ pub(super) enum Or {
     Greatest,
 }
 
-/// How the rules give an output, `DefuzzMethod`.
+/// The method by which the rules give an output, `DefuzzMethod`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OutputBy {
     /// `wtaver`.

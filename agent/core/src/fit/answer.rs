@@ -9,9 +9,9 @@ use super::{Axis, FitError, Fitted, Mean, Verdict};
 use crate::estimate::Estimate;
 use crate::plant::Controls;
 
-/// How far a control is moved to each side.
+/// Deflection of a control to each side, in the units of [`Controls`].
 const DEFLECTION: f64 = 0.2;
-/// How long it stays there, s, and over which time at the end its effect is measured.
+/// Time for which a control stays at a side, s, and the time at its end over which the effect is measured, s.
 const HELD_S: f64 = 0.7;
 const MEASURED_S: f64 = 0.25;
 /// Rise of the collective from one round of the controls to the next.

@@ -21,7 +21,8 @@ const FLIES_FROM_M: f64 = 0.4;
 /// Speed of the descent, m/s, and its last metre.
 const DESCENT_M_S: f64 = 0.8;
 const LAST_DESCENT_M_S: f64 = 0.3;
-/// How far the goal of the altitude is below a vehicle that sinks, and at most below one that does not, m.
+/// Largest distance of the altitude's goal below a vehicle that sinks, and below one that does not, m; speed of descent from which
+/// a vehicle counts as sinking, m/s.
 const AHEAD_M: f64 = 2.0;
 const FAR_AHEAD_M: f64 = 12.0;
 const SINKS_FROM_M_S: f64 = 0.2;

@@ -20,7 +20,7 @@ use skein_common::scenario::{self, Scenario, StaticObstacle, Target};
 
 use super::safety::Constraint;
 
-/// How fast a vehicle may approach an edge or an obstacle, as a share of the remaining distance a second, 1/s.
+/// Largest speed of a vehicle towards an edge or an obstacle, as a share of the remaining distance a second, 1/s.
 const RATE_PER_S: f64 = 0.25;
 /// Largest speed at which a vehicle beyond the margin comes back, m/s.
 const RETURN_M_S: f64 = 3.0;

@@ -127,7 +127,7 @@ impl Law for Ring {
         LawOutput { command: LawCommand::Field(field), reached }
     }
 
-    /// Where the limiting functions of neighbours and obstacles have fallen to 1e-12.
+    /// The distance at which the limiting functions of neighbours and obstacles have fallen to 1e-12, m.
     fn reach_m(&self, live: usize) -> f64 {
         let widths = 1.0 + edge_exponent(NEGLIGIBLE_SHARE) / self.edge_exponent;
         widths * self.avoid_distance_m(live).max(MAX_OBSTACLE_RADIUS_M)

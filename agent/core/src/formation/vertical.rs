@@ -36,7 +36,7 @@ pub struct Heights {
     has_risen: bool,
     /// Rise above the altitude without lost peers, m.
     partition_rise_m: f64,
-    /// Where the rise ends, m; 0 unless the vehicle's partition flies above another one.
+    /// The rise at which the climb ends, m; 0 unless the vehicle's partition flies above another one.
     partition_target_m: f64,
     /// The altitude to which the rise is added, m, in the last step of a formation.
     base_m: Option<f64>,

@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 use super::dynamics::Dynamics;
 use super::parameters::{NumberRule, POSITIVE, Parameters};
 
-/// Why the flight model refuses a set of parameters.
+/// The reason why the flight model refuses a set of parameters.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ParameterError {
     /// One number is outside its limits.

@@ -43,7 +43,7 @@ pub(super) struct Flow<R> {
     pub(super) mu_z: R,
 }
 
-/// How an inflow ratio changes.
+/// The rate of change of an inflow ratio, and the terms of its equation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Inflow<R> {
     /// Its rate of change, 1/s.

@@ -23,7 +23,7 @@ use crate::estimate::Estimate;
 /// Fall of a remaining distance or time that counts, m or s: above the wander of a hover in gusts, far below what a vehicle
 /// flies in a minute.
 const NEARER: f64 = 0.5;
-/// How many times as long a vehicle may come no nearer while it flies as its law commands.
+/// Factor by which the time without coming nearer may be longer while a vehicle flies as its law commands.
 const PATIENCE: f64 = 10.0;
 
 /// The distances and times that remain until the vehicle has reached its step. Each is at least 0.

@@ -65,9 +65,9 @@ struct FromSender {
     has_restarted: bool,
     /// Its position in its newest state, and when that was sent.
     place: Option<(PositionNed, LocalTime)>,
-    /// When each receiver last saw a gap in the numbers of the heartbeats; zero if never.
+    /// The time at which each receiver last saw a gap in the numbers of the heartbeats; zero if never.
     gaps_at: Vec<LocalTime>,
-    /// When each receiver's newest state arrived, by a correct clock; empty if all clocks are correct.
+    /// The time at which each receiver's newest state arrived, by a correct clock; empty if all clocks are correct.
     states_right_at: Vec<LocalTime>,
 }
 
@@ -457,7 +457,8 @@ impl SwarmInbox {
         self.clocks.get(usize::from(news.receiver)).map_or(at, |clock| clock.arrivals.at(at))
     }
 
-    /// How far the states of all vehicles have come, and an excess of their delays at this receiver that is not exceeded.
+    /// Bounds for all states sent so far: the length that no vehicle's position has exceeded on its way, m, the largest horizontal
+    /// speed, m/s, and a bound of the excess of their delays at this receiver.
     pub(super) fn travel(&self, receiver: usize) -> (f64, f64, Option<Excess>) {
         /// More than the rounding errors of times, s.
         const ROUNDING_S: f64 = 1e-6;

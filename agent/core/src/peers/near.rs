@@ -40,7 +40,7 @@ struct Made {
     travelled_m: f64,
 }
 
-/// How far the newest states of all peers have come so far, horizontally.
+/// Bounds of the horizontal way, the speed and the delay of the newest states of all peers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Travel {
     /// A length that no peer's reported position has exceeded on its way, m.
@@ -52,7 +52,7 @@ pub(super) struct Travel {
 }
 
 impl Travel {
-    /// How far a peer can be, m, from where it was when `before_m` had been travelled, `since_s` ago.
+    /// Largest distance of a peer, m, from its place when `before_m` had been travelled, `since_s` ago.
     fn come_m(&self, before_m: f64, since_s: f64) -> f64 {
         self.travelled_m - before_m + self.fastest_m_s * (since_s + self.delay_s) + ROUNDING_M
     }

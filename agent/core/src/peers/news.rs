@@ -1,4 +1,4 @@
-//! What the receivers of a swarm's messages have to look at in a frame.
+//! The news of a frame: all that the receivers of a swarm's messages have to look at.
 
 use alloc::vec;
 use alloc::vec::Vec;

@@ -1,4 +1,4 @@
-//! What is known of one peer: its newest messages, the judgement of it that follows from them, and the deadlines that they start.
+//! The knowledge of one peer: its newest messages, the judgement of it that follows from them, and the deadlines that they start.
 
 use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
@@ -33,7 +33,7 @@ pub(super) struct Peer {
     lost_at: MaybeTime,
     /// Whether it was lost by its silence alone: its token was there, and nothing was reported of the token since.
     lost_by_silence: bool,
-    /// When it was last found; a time once it was in contact.
+    /// The time at which contact with it last began; no time before the first contact.
     found_at: MaybeTime,
     /// Number of its messages that were dropped because a newer one had been received.
     pub(super) old: u32,
@@ -59,7 +59,7 @@ pub(super) struct Newest {
     pub(super) heartbeat: Option<KeptHeartbeat>,
     /// Arrival of the newest message.
     pub(super) received_at: Option<LocalTime>,
-    /// When a gap in the numbers of its heartbeats was last seen, if ever.
+    /// The time at which a gap in the numbers of its heartbeats was last seen, if ever.
     pub(super) gap_at: Option<LocalTime>,
 }
 
@@ -207,7 +207,7 @@ impl Status {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Judgement {
     pub(super) now: LocalTime,
-    /// How long peers may be silent.
+    /// The time for which peers may be silent.
     pub(super) timeout: SilenceTimeout,
     /// Whether the network graph passes every peer's states.
     pub(super) receives_all_states: bool,

@@ -1,4 +1,4 @@
-//! What was received of all vehicles of a swarm, and what follows from it whichever vehicle has received it.
+//! The messages received of all vehicles of a swarm, and the conclusions from them that are the same for every receiver.
 //!
 //! Agents of one process that have received the same can share them (`shared.rs`).
 
@@ -330,7 +330,8 @@ impl Records {
         self.moved
     }
 
-    /// How far the states have come for a receiver with this largest delay of messages without an excess.
+    /// Bounds of the way, the speed and the delay of the states for a receiver with this largest delay of messages without an
+    /// excess.
     pub(super) fn travel(&self, largest: DelayBase) -> Travel {
         let (travelled_m, fastest_m_s, largest_excess) = match &self.messages {
             Messages::Swarm { inbox: Some(inbox), receiver } => inbox.travel(index(*receiver)),

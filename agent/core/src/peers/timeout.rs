@@ -1,4 +1,4 @@
-//! How long a peer may be silent before it counts as lost.
+//! The time for which a peer may be silent before it counts as lost.
 //!
 //! Agents send several messages a second. Over a link that loses no messages, a silence of half of T_stale means that the peer hangs
 //! or is cut off. Over a link that loses messages, a silence may last T_stale. Gaps in the numbers of the heartbeats show that a link
@@ -13,12 +13,12 @@ use skein_common::time::LocalTime;
 
 use crate::deadlines::Deadline;
 
-/// After how much silence peers are lost.
+/// The duration of silence after which peers are lost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SilenceTimeout {
     stale_s: f64,
     load: Load,
-    /// When a sign of overload was last seen, or when the load was last taken to be lower.
+    /// The time at which a sign of overload was last seen, or the load was last taken to be lower.
     calm_since: LocalTime,
 }
 

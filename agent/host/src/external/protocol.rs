@@ -46,7 +46,7 @@ pub struct Hello {
     pub parameters: toml::Table,
 }
 
-/// How a flight's time passes.
+/// The kind of time in which a flight runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Time {
@@ -109,7 +109,7 @@ pub enum MessageFromLaw {
     LawReply(LawReply),
 }
 
-/// Why a message from a law is not valid.
+/// The reason why a message from a law is not valid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Fault {
     /// Not a JSON object. `NaN` and `Infinity` also make a line invalid JSON.

@@ -26,7 +26,7 @@ const END_TIMEOUT: Duration = Duration::from_secs(1);
 const LAST_LINES_TIMEOUT: Duration = Duration::from_millis(500);
 /// A connection that accepts no data for this long is dead.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
-/// How often the thread that receives datagrams checks whether the session was closed.
+/// Interval at which the thread that receives datagrams checks whether the session was closed.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// Input from a law.

@@ -29,7 +29,7 @@ pub struct Verified<M> {
     pub run: Option<u64>,
 }
 
-/// Why a message is refused.
+/// The reason why a message is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum VerificationError {
     /// The bytes are not a message.

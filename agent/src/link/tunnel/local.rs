@@ -57,7 +57,7 @@ mod unix {
             format!("unixsock-stream/{}", self.0.join(name).display())
         }
 
-        /// Where a session listens that was given the endpoint with this name.
+        /// The address at which a session listens that was given the endpoint with this name.
         pub(in super::super) fn address(&self, name: &str, _: &Session) -> io::Result<Address> {
             Ok(self.0.join(name))
         }
@@ -146,7 +146,7 @@ mod loopback {
             "tcp/127.0.0.1:0".to_owned()
         }
 
-        /// Where this session listens.
+        /// The address at which this session listens.
         pub(in super::super) fn address(&self, _: &str, session: &Session) -> io::Result<Address> {
             let locators = session.info().locators().wait();
             let address = locators.iter().find_map(|locator| locator.address().as_str().parse().ok());

@@ -98,7 +98,7 @@ pub struct Client {
     pilot: Pilot,
     /// Whether the agent has left the controls to the pilot.
     is_released: bool,
-    /// Where the aircraft has to be placed before its flight.
+    /// The placement of the aircraft at its start, for as long as it has to be placed before its flight.
     placing: Option<Placing>,
     traffic: PeerTraffic,
     /// The questions that it asks the simulator once, if it does.
@@ -209,7 +209,7 @@ impl Client {
         self.readings.is_on(Reading::Paused)
     }
 
-    /// Why the simulator does not simulate this program's flight, if it does not.
+    /// The reason why the simulator does not simulate this program's flight, if it does not.
     fn standstill(&mut self, now: Instant) -> Option<Standstill> {
         let other = self.inquiry.as_ref().and_then(Inquiry::other_aircraft);
         let reasons = [

@@ -67,7 +67,7 @@ fn listen_on(socket: UdpSocket, time: Duration) -> io::Result<Found> {
 pub(super) struct Search {
     port: Port,
     since: Instant,
-    /// When the group was last joined on every interface.
+    /// The time at which the group was last joined on every interface.
     joined: Instant,
     is_reported: bool,
 }

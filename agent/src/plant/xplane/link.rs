@@ -21,7 +21,7 @@ use skein_core::plant::{Command, Frame, PeerPose, Plant, PlantDrops, Wake};
 /// Largest number of queued datagrams read without waiting: a flood must not delay the newest position.
 const MAX_QUEUED: u32 = 1024;
 
-/// Why the link to the simulator could not be opened.
+/// The reason why the link to the simulator could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum XPlaneLinkError {
     /// The socket for the simulator could not be opened.

@@ -23,7 +23,7 @@ const ATTEMPTS: u32 = 10;
 /// Distance up to which the ground at the start has the elevation of the ground below the aircraft, m.
 const SAME_GROUND_M: f64 = 10_000.0;
 
-/// How far a placement is.
+/// The progress of a placement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlacingState {
     /// The aircraft is elsewhere, and attempts are left.
@@ -51,7 +51,7 @@ impl Placing {
         Self { place, origin, attempts: 0, last: None }
     }
 
-    /// How far it is, with the aircraft at this position.
+    /// The progress of the placement, with the aircraft at this position.
     pub fn state(&self, position: &Position) -> PlacingState {
         match self.away_m(position) {
             away_m if away_m < THERE_M => PlacingState::There,

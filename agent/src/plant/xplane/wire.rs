@@ -41,7 +41,7 @@ pub const MAX_DATAGRAM: usize = 65_536;
 /// Number of aircraft in X-Plane; the user's is number 0.
 const AIRCRAFT: u8 = 20;
 
-/// Why a datagram was refused, or could not be encoded.
+/// The reason why a datagram was refused, or could not be encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WireError {
     /// The first four bytes are those of another message.

@@ -56,11 +56,12 @@ keys! {
     }
 }
 
-/// When a vehicle sends its state, `network.send`.
+/// The rule that decides when a vehicle sends its state, `network.send`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SendMode {
-    /// When the peers' dead reckoning of the vehicle is off.
+    /// A state is sent when the peers' dead reckoning of the vehicle would be off by too much, at the latest after
+    /// `network.state_max_period_s`.
     OnNeed,
     /// Every frame.
     EveryFrame,

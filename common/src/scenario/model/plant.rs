@@ -27,7 +27,7 @@ pub struct PlantSpec {
     pub title: &'static str,
     /// Its explanation in the help of the command line.
     pub help: &'static str,
-    /// Where its simulator runs.
+    /// The place where its simulator runs.
     pub simulator: Simulator,
     /// The models that fly in it, each with the commands that it takes.
     pub models: &'static [(ModelKind, CommandKind)],

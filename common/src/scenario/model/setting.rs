@@ -77,7 +77,7 @@ tunable_keys! {
     GainKnee: "formation.gain_knee", 0.05, gain_knee;
     /// Least distance that the safety filter keeps, m.
     SafetyDistance: "formation.safety_distance_m", 0.5, safety_distance_m;
-    /// How fast the safety filter lets two vehicles close in, 1/s.
+    /// Largest rate at which the safety filter lets two vehicles close in, 1/s.
     SafetyRate: "formation.safety_rate_per_s", 0.1, safety_rate_per_s;
     /// Gain of the differences to the neighbours under `law = "displacement-consensus"`, 1/s.
     ConsensusGain: "formation.displacement_consensus.gain_per_s", 0.05, displacement_consensus.gain_per_s;

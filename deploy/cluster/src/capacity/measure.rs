@@ -16,15 +16,15 @@ use skein_lab::scenario::ScenarioArgs;
 use skein_lab::shipped::{FLOCK, HOVER};
 use skein_lab::study::Study;
 
-/// How often an agent sends a heartbeat, Hz.
+/// Rate at which an agent sends heartbeats, Hz.
 pub(super) const HEARTBEAT_HZ: f64 = 1.0 / HEARTBEAT_PERIOD_S;
 
-/// How much to measure; less is less accurate.
+/// The effort of the measurements: a smaller one is less accurate.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
     /// Number of messages of each kind whose bytes are counted.
     pub messages: u32,
-    /// How long the sessions are silent, and how long they send, s.
+    /// Time for which the sessions are silent, and the equal time for which they send, s.
     pub sending_s: f64,
     /// Number of batches of datagrams that are sent and received; a socket's buffer holds a batch.
     pub batches: u32,
@@ -49,14 +49,14 @@ pub struct Measured {
     /// Size of a heartbeat, which carries the agreement state.
     #[serde(rename = "register")]
     pub heartbeat: MessageSize,
-    /// How often an agent sends a heartbeat, Hz: a constant of the agents.
+    /// Rate at which an agent sends heartbeats, Hz: a constant of the agents.
     #[serde(rename = "register_hz")]
     pub heartbeat_hz: f64,
     /// Processor time of a state.
     pub time: MessageTime,
     /// Processor time to send and to receive a datagram of seven rows over loopback, µs.
     pub datagram_us: Option<[f64; 2]>,
-    /// How often vehicles send their states, for each flight.
+    /// The rate at which vehicles send their states, for each flight.
     #[serde(rename = "talk")]
     pub state_rates: Vec<StateRate>,
     /// Processor time of a vehicle's step.
@@ -70,7 +70,7 @@ impl Measured {
     }
 }
 
-/// How often a vehicle sends its state on need, in a flight in virtual time.
+/// The rate at which a vehicle sends its state on need, in a flight in virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StateRate {
     /// Name of the flight.

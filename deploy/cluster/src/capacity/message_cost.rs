@@ -21,17 +21,17 @@ use skein_host::clock::{LocalClock, new_incarnation, now, sleep_until};
 use super::relay;
 use crate::os::cpu_s;
 
-/// How often an agent sends states that sends one every frame, Hz.
+/// Rate of the states of an agent that sends one every frame, Hz.
 pub const FRAME_HZ: f64 = 50.0;
 /// Number of sessions that send to each other while processor time is measured.
 const SESSIONS: u8 = 4;
 /// The plan that all of them fly.
 const PLAN: u64 = u64::MAX / 3;
-/// How long messages may take to arrive.
+/// Time limit for the arrival of messages.
 const TIMEOUT: Duration = Duration::from_secs(20);
-/// After how long a message that has not arrived is sent again.
+/// Time after which a message that has not arrived is sent again.
 const REPEAT: Duration = Duration::from_millis(500);
-/// Why nothing can be measured.
+/// The reason why nothing can be measured.
 const NOT_RECEIVED: &str = "messages between sessions over loopback do not arrive";
 /// Pause between two looks at the received messages, and between messages that are counted.
 const PAUSE: Duration = Duration::from_millis(2);

@@ -1,4 +1,4 @@
-//! What happened during a flight, for people: equal events of several vehicles are one line that counts up.
+//! The events of a flight, for people: equal events of several vehicles are one line that counts up.
 //!
 //! On a terminal the line changes as vehicles are added. Elsewhere a line is written once its group is complete, or
 //! `PARTIAL_AFTER` later with the vehicles that are missing. The recording has every event of every vehicle.
@@ -21,7 +21,7 @@ pub struct Journal {
     entries: Vec<Entry>,
 }
 
-/// When an event happened: by this process's clock, and in the window of the figures if that has begun, s.
+/// The time of an event: by this process's clock, and in the window of the figures if that has begun, s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct When {
     /// By this process's clock.
@@ -153,7 +153,7 @@ fn missing(awaited: VehicleSet, came: VehicleSet) -> Vec<VehicleId> {
     awaited.iter().filter(|id| !came.contains(*id)).collect()
 }
 
-/// How an event of one vehicle reads for several of them.
+/// The texts of an event for one vehicle and for several of them.
 pub fn alike(what: &EventKind) -> Alike {
     let one = what.to_string();
     let (several, by_all) = match what {

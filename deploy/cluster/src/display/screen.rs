@@ -1,4 +1,4 @@
-//! Where a flight is shown: a table on a terminal, lines elsewhere.
+//! The display of a flight: a table on a terminal, lines elsewhere.
 
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
@@ -88,8 +88,8 @@ impl Screen {
         }
     }
 
-    /// How often Ctrl-C or q was pressed since the last call: a terminal that shows a table hands out keys, not signals. Other
-    /// keys show and hide the explanation of the columns and the code of the live page.
+    /// Number of times that Ctrl-C or q was pressed since the last call: a terminal that shows a table hands out keys, not signals.
+    /// Other keys show and hide the explanation of the columns and the code of the live page.
     pub fn asked_to_end(&mut self) -> u32 {
         let mut count = 0;
         while matches!(self.face, Face::Table(_)) && event::poll(Duration::ZERO).unwrap_or(false) {
@@ -146,7 +146,7 @@ pub fn say(on_stderr: bool, line: &str) {
     if on_stderr { skein_lab::terminal::complain(line) } else { skein_lab::terminal::say(&format!("{line}\n")) }
 }
 
-/// How far the flight is and how the swarm does, in one line.
+/// The stage of the flight and the summary of the swarm, in one line.
 fn line(status: &FlightStatus) -> String {
     format!("{}: {}", table::stage(status), status.summary(usize::MAX))
 }

@@ -20,7 +20,7 @@ use skein_lab::terminal::shortened;
 /// A vehicle silent for this long is shown as silent.
 pub const SILENT: Duration = Duration::from_secs(1);
 
-/// How far a flight is.
+/// The stage of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
@@ -43,13 +43,13 @@ pub struct FlightStatus {
     pub swarm: String,
     /// Name of the plant.
     pub plant: String,
-    /// How far the flight is.
+    /// The stage of the flight.
     pub stage: Stage,
     /// Time flown, s.
     pub flown_s: f64,
     /// Time to be flown, s; `None` until the operator stops the flight.
     pub duration_s: Option<f64>,
-    /// Where the files of the run are.
+    /// The folder with the files of the run; empty if the swarm is only watched.
     pub out: String,
     /// One for each vehicle, by id.
     pub rows: Vec<Row>,
@@ -119,7 +119,7 @@ pub fn worst_gap_deg(rows: &[Row], has_gaps: bool) -> Option<f64> {
     off.reduce(f64::max).filter(|_| has_gaps)
 }
 
-/// How many vehicles are in formation, and what the others do: `14/16 in formation, 2 silent`.
+/// The number of vehicles in formation, and the activities of the others: `14/16 in formation, 2 silent`.
 pub fn phases(rows: &[Row]) -> String {
     let mut others: BTreeMap<&str, usize> = BTreeMap::new();
     rows.iter().for_each(|row| *others.entry(row.doing()).or_default() += 1);
@@ -282,13 +282,13 @@ pub struct Known {
     pub newest: Option<(VehicleFacts, Duration)>,
     /// Whether its agent has sent a health report.
     pub is_healthy: bool,
-    /// How its process ended, if it has.
+    /// The end of its process, if that has ended.
     pub ended: Option<Ending>,
     /// The order that it follows.
     pub order: Option<Verb>,
 }
 
-/// How an agent's process ended.
+/// The end of an agent's process: asked for, by the scenario, or unexpected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// It ended as expected: it had landed, or was ordered to end.

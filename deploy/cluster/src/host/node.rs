@@ -25,7 +25,7 @@ use crate::protocol::{Facts, Installed, RunningAgent, Service};
 const SUPERVISOR_START: Duration = Duration::from_secs(2);
 /// Interval at which the supervisor's lock file is read.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
-/// How long a request waits for the lock of another request.
+/// Time for which a request waits for the lock of another request.
 pub(super) const LOCK_TIMEOUT: Duration = Duration::from_secs(5);
 
 // The files of a node, below its folder, as `place` shows them.
@@ -50,7 +50,7 @@ pub(super) struct NodeFolder {
     pub(super) id: VehicleName,
 }
 
-/// How a node is started, apart from its configuration.
+/// The settings with which a node is started, apart from its configuration.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Settings {
     /// The service that restarts its agent when it has failed.
@@ -106,7 +106,7 @@ impl Moment {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct AgentProcess {
     pub(super) process: Process,
-    /// How often it has failed and was restarted.
+    /// Number of times that it has failed and was restarted.
     pub(super) restarts: u32,
 }
 

@@ -28,7 +28,7 @@ pub trait Supervised {
     /// Why it cannot be started.
     fn start(&mut self) -> Result<(), String>;
 
-    /// How the agent ended; `None` while it runs.
+    /// The end of the agent; `None` while it runs.
     fn ended(&mut self) -> Option<AgentEnd>;
 
     /// Whether the agent has reported since the last call that its control thread runs.
@@ -47,12 +47,12 @@ pub trait Supervised {
     fn note(&mut self, what: &str);
 }
 
-/// How an agent ended.
+/// The end of an agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AgentEnd {
     /// Whether it ended successfully: it is not started again then.
     pub is_success: bool,
-    /// How, as the end of a sentence.
+    /// Description of the end, which completes a sentence that begins with "the agent".
     pub how: String,
 }
 

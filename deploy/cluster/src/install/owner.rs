@@ -1,4 +1,4 @@
-//! Which nodes belong to another authority than the keys of this PC: another operator's swarm must not be flown by accident.
+//! Finds nodes that belong to another authority than the keys of this PC: another operator's swarm must not be flown by accident.
 
 use skein_common::id::VehicleName;
 

@@ -23,8 +23,8 @@ const RENEW_BEFORE: Duration = Duration::days(30);
 /// Remaining validity below which no flight begins. A link outlives its certificates, but a vehicle that is restarted in
 /// flight needs a new link.
 const FLIGHT: Duration = Duration::hours(24);
-/// How far the start of a certificate's validity is backdated: a node whose clock is behind could not connect until
-/// then. The clock of a PC without a battery may be days behind.
+/// Time by which the start of a certificate's validity is backdated: a node whose clock is behind could not connect until then. The
+/// clock of a PC without a battery may be days behind.
 const BACKDATED: Duration = Duration::days(7);
 
 /// A certificate and its private key, PEM.
@@ -51,7 +51,7 @@ pub(crate) struct Authority {
     pub(crate) certificate: String,
 }
 
-/// Why a certificate is invalid or has to be replaced soon.
+/// The reason why a certificate is invalid or has to be replaced soon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum Unfit {
     /// The certificate or its key cannot be read.

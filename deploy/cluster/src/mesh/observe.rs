@@ -172,7 +172,7 @@ pub struct Observer {
     orders: Option<Checker>,
 }
 
-/// Why a swarm cannot be observed.
+/// The reason why a swarm cannot be observed.
 #[derive(Debug, thiserror::Error)]
 pub enum ObserveError {
     /// The session could not be opened.

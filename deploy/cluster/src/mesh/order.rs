@@ -24,9 +24,9 @@ use skein_host::parallel::at_once;
 use skein_lab::error::Error;
 use skein_lab::terminal::{json, say};
 
-/// How long to wait for heartbeats. An agent sends five a second; one that is silent for this long is not there.
+/// Time to wait for heartbeats. An agent sends five a second; one that is silent for this long is not there.
 const LISTEN: Duration = Duration::from_millis(1500);
-/// How long to wait for another one of the orders that an agent knows: two heartbeats may be lost.
+/// Time to wait for another one of the orders that an agent knows: two heartbeats may be lost.
 const NEXT_ORDER: Duration = Duration::from_millis(600);
 /// Time within which an order spreads to every vehicle in contact.
 const SPREAD: Duration = Duration::from_secs(5);

@@ -1,4 +1,4 @@
-//! How to connect to a live swarm: on this PC, through the file that `fly` writes, or on a cluster.
+//! Everything needed to connect to a live swarm: on this PC, through the file that `fly` writes, or on a cluster.
 
 mod secured;
 
@@ -30,7 +30,7 @@ pub struct Reach {
     pub branch: Branch,
     /// Every agent's endpoint in Zenoh's notation, `tls/10.0.0.11:7447`.
     pub agents: BTreeMap<VehicleId, String>,
-    /// How the links are secured, and with which role's certificate.
+    /// The security of the links, with the certificate of a role if they are secured.
     pub security: Security,
     /// The key that verifies the signatures of orders; `None` where orders are not signed.
     pub orders_key: Option<VerificationKey>,
@@ -122,7 +122,7 @@ pub struct SwarmArgs {
     pub file: Option<PathBuf>,
 }
 
-/// Where the swarm of a command flies.
+/// The place where the swarm of a command flies.
 #[derive(Clone, Debug)]
 pub enum Place {
     /// On this PC, begun by `fly`.

@@ -25,7 +25,7 @@ const MIDSUMMER: f64 = 171.0;
 /// Difference of the time of day, s, and of a weight, kg, that is noted. An aircraft with running engines burns fuel.
 const NOTABLE_S: f64 = 600.0;
 const NOTABLE_KG: f64 = 2.0;
-/// How long the values may take to follow what was asked for.
+/// Time limit for the values to follow what was asked for.
 const FOLLOWS_WITHIN: Duration = Duration::from_secs(5);
 const ANSWER: Duration = Duration::from_secs(2);
 const REMEDY: &str =

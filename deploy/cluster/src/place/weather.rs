@@ -25,7 +25,7 @@ const STATIC: f32 = 3.0;
 const FIRST_12: f32 = 120_000.0;
 /// Difference from the scenario's wind that is noted, m/s.
 const NOTABLE_M_S: f64 = 1.0;
-/// How long the air may take to follow what was written.
+/// Time limit for the air to follow what was written.
 const FOLLOWS_WITHIN: Duration = Duration::from_secs(5);
 /// Number of values that are written at once, and the time between: more fill X-Plane's receive buffer, and the last are lost.
 const WRITTEN_AT_ONCE: usize = 10;

@@ -12,9 +12,9 @@ use skein_host::clock;
 
 use super::survey::version_text;
 
-/// How long to wait for the simulator.
+/// Time to wait for the simulator.
 const SIMULATOR: Duration = Duration::from_secs(2);
-/// How long one wait for a position takes at most.
+/// Longest duration of one wait for a position.
 const ATTEMPT: Duration = Duration::from_millis(100);
 
 /// Connects to the X-Plane at `HOST[:PORT]` as an agent does. The origin of its frame is arbitrary.

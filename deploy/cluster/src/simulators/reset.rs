@@ -11,7 +11,7 @@ use super::survey::Surveyor;
 pub const CRASHED: &str = "sim/flightmodel2/misc/has_crashed";
 /// The command that puts the aircraft back to where its flight began.
 pub const RESET: &str = "sim/operation/reset_flight";
-/// How long the value may take to arrive, and a reset to load.
+/// Time limits for the value to arrive, and for a reset to load.
 const ANSWER: Duration = Duration::from_secs(2);
 const LOADED_WITHIN: Duration = Duration::from_secs(60);
 /// Interval between two commands.

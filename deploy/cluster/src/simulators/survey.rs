@@ -33,7 +33,7 @@ const LARGEST: usize = 2048;
 pub const VERSION: &str = "sim/version/xplane_internal_version";
 /// Dataref of the path of the aircraft's file, a character each.
 pub const ACF: &str = "sim/aircraft/view/acf_relative_path";
-/// How long X-Plane may take to show what was written.
+/// Time limit for X-Plane to show what was written.
 const WRITTEN_WITHIN: Duration = Duration::from_secs(3);
 /// Largest random first index: the indices above it are still positive.
 const FIRST_INDEX_MASK: i32 = 0x3FFF_FFFF;
@@ -43,7 +43,7 @@ const FIRST_INDEX_MASK: i32 = 0x3FFF_FFFF;
 pub struct Survey {
     /// Newest value of each dataref that answered.
     pub values: BTreeMap<String, f32>,
-    /// When positions came, s after the survey began.
+    /// The times at which positions came, s after the survey began.
     pub positions_s: Vec<f64>,
     /// The newest position.
     pub position: Option<Position>,

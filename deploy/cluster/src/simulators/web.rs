@@ -28,7 +28,7 @@ const LARGEST: u64 = 32 * 1024 * 1024;
 /// Longest reason for a refusal that is shown, characters.
 const MESSAGE_CHARACTERS: usize = 120;
 
-/// Where the Web API of an X-Plane is looked for.
+/// The address at which the Web API of an X-Plane is looked for, if it is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WebChoice {
     /// Nowhere.
@@ -71,7 +71,7 @@ impl WebChoice {
     }
 }
 
-/// Why there is no answer of use.
+/// The reason why the Web API gives no answer of use.
 #[derive(Debug, thiserror::Error)]
 pub enum WebError {
     /// Nothing answers.

@@ -15,7 +15,7 @@ const SPANS: usize = (STEADY_S / SPAN_S) as usize + 1;
 /// A turn rate over a longer time than this is unknown, s: the vehicle may have turned around in between.
 const LONGEST_STEP_S: f64 = 1.0;
 
-/// How the controllers handle their vehicles in the last part of the window: its last [`STEADY_S`], or its second half if
+/// The handling of the vehicles by their controllers in the last part of the window: its last [`STEADY_S`], or its second half if
 /// that is shorter, to within a span.
 #[derive(Debug)]
 pub(super) struct Handling {

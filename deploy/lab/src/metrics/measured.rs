@@ -92,7 +92,7 @@ impl Measured {
         }
     }
 
-    /// How bad a figure is, to be compared with that of other runs: more is worse, what never came is worst.
+    /// The badness of a figure, to be compared with that of other runs: more is worse, and an event that never came is worst.
     fn badness(&self, key: &str) -> f64 {
         let sign = if is_worse(key) == Some(Direction::Less) { -1.0 } else { 1.0 };
         self.outcome(key).map_or(f64::NEG_INFINITY, |outcome| sign * outcome.or(sign * f64::INFINITY))

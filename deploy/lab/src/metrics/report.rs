@@ -104,7 +104,7 @@ impl Metrics {
         }
     }
 
-    /// How the swarm reacted to injected faults, in the order of [`DELAYS`].
+    /// The swarm's worst delays after injected faults, s, in the order of [`DELAYS`].
     fn delays_after_faults(&self) -> [Worst; DELAYS.len()] {
         let transient = if self.is_round { self.transients.worst(self.t_s) } else { Worst::default() };
         let Self { detection, t_s, .. } = self;

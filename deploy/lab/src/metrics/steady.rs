@@ -137,7 +137,7 @@ impl SwarmSeries {
 /// Number of samples of a vehicle that are packed together.
 const SLICE: usize = 20;
 
-/// Where each vehicle was in its formation over the last [`STEADY_S`], a byte for each sample.
+/// The level ρ of each vehicle in its formation over the last [`STEADY_S`], a byte for each sample.
 ///
 /// The samples of one instant are neighbours in memory, and their time is kept once.
 #[derive(Clone, Debug)]
@@ -163,7 +163,7 @@ struct Slice {
     largest_m: f32,
     /// R*, m.
     radius_m: f32,
-    /// Where each sample is between the two, in parts of [`LARGEST_CODE`], or [`NO_SAMPLE`].
+    /// The place of each sample between the two, in parts of [`LARGEST_CODE`], or [`NO_SAMPLE`].
     codes: [u8; SLICE],
 }
 

@@ -1,4 +1,4 @@
-//! What the figures take of a vehicle at one instant.
+//! The state of a vehicle at one instant, from which the figures are computed.
 
 use nalgebra::Vector2;
 use skein_common::id::{VehicleId, VehicleSet};

@@ -24,7 +24,7 @@ const SILENT_S: f64 = 1.0;
 /// theirs at the same times, so that most chunks of a recording have none, and its index stays small.
 const LOCATION_NS: u64 = 500_000_000;
 
-/// Where the messages of the channels go: into a file, or to the clients of a live server.
+/// The destination of the channels' messages: a file, or the clients of a live server.
 pub trait Sink {
     /// Adds a schema: its name, its encoding and its definition. Returns its number.
     ///
@@ -49,7 +49,7 @@ pub trait Sink {
 
 /// The channels of a swarm's flight, or of a fleet's. Every message goes to the sink at once.
 pub struct Channels<S> {
-    /// Where the messages go.
+    /// The destination of the messages.
     pub sink: S,
     /// The number of each channel, by topic. A fleet has only places, events and faults, a swarm everything but places.
     numbers: BTreeMap<String, u16>,

@@ -73,7 +73,7 @@ pub(super) struct TeamLine {
     pub(super) vehicle: Option<VehicleId>,
     /// The event or fault as a text.
     pub(super) text: String,
-    /// How severe it is.
+    /// Its severity.
     #[serde(default)]
     pub(super) severity: Severity,
 }

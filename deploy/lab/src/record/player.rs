@@ -60,11 +60,11 @@ pub struct PlayedEvent {
     pub text: String,
     /// The event as data; `None` of a fault, and in a fleet's recording, which has only the text.
     pub what: Option<EventKind>,
-    /// How severe it is; an injected fault is an error.
+    /// Its severity; an injected fault is an error.
     pub severity: Severity,
 }
 
-/// Where a vehicle of a fleet was at one time, with its velocity from place to place.
+/// The place of a vehicle of a fleet at one time, with its velocity from place to place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlayedPlace {
     /// The place.
@@ -185,8 +185,8 @@ impl Player {
         Ok(&self.traces)
     }
 
-    /// Where the vehicles of each team of a fleet were at this time, between two recorded places. A vehicle that is not in the
-    /// newest places of its team is absent.
+    /// The places of the vehicles of each team of a fleet at this time, interpolated between two recorded ones. A vehicle that is
+    /// not in the newest places of its team is absent.
     ///
     /// # Errors
     /// The file cannot be read.

@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::out;
 pub use axis::Axis;
 
-/// How wide figures are shown, px.
+/// Width at which figures are shown, px.
 pub const WIDTH_PX: f64 = 880.0;
 
 /// A colour, and how much of what is below it covers.
@@ -156,7 +156,7 @@ impl Shape {
     }
 }
 
-/// Where the name of a thing stands.
+/// The place of the name of a thing, with the name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Name {
     /// Nowhere.
@@ -243,7 +243,7 @@ impl Item {
 /// An event: a line from top to bottom with a label above.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
-    /// Where on the x axis.
+    /// Place on the x axis, in the axis's unit.
     pub x: f64,
     /// The label.
     pub text: String,

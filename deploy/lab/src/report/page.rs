@@ -29,13 +29,13 @@ pub struct Page {
 /// A line of a verdict.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Line {
-    /// How its text is meant.
+    /// The meaning of its text.
     pub tone: Tone,
     /// Whole sentences.
     pub text: String,
 }
 
-/// How a line of a verdict is meant.
+/// The meaning of a line of a verdict.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     /// Neither good nor bad.

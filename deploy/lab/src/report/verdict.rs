@@ -20,7 +20,7 @@ const MOST_LISTED: usize = 12;
 const TOGETHER_S: f64 = 5.0;
 /// The last fault before a collision or a crash is named as what preceded it if it is not older than this, s.
 const PRECEDES_S: f64 = 120.0;
-/// How much shorter than its scenario a flight may be, s: the last step is a little before the end.
+/// Largest time by which a flight may be shorter than its scenario, s: the last step is a little before the end.
 const EARLY_S: f64 = 1.0;
 
 /// A line that is neither good nor bad.
@@ -90,7 +90,7 @@ pub(super) fn missing(lacks: &Lacks, file: &str, last_s: Option<f64>, asked_s: O
     lines
 }
 
-/// When the last step was recorded, s.
+/// The time of the last recorded step, s; `None` without a step.
 fn last_s(recording: &Recording) -> Option<f64> {
     recording.tracks.iter().filter_map(|track| track.steps.last()).map(|step| step.t_s).reduce(f64::max)
 }
@@ -140,7 +140,7 @@ fn kept_limits(scenario: &scenario::Scenario, run: &Measured) -> Option<Line> {
     })
 }
 
-/// How a figure is beyond its limit.
+/// The text about a figure beyond its limit.
 fn beyond(limit: &Limit, run: &Measured) -> String {
     let value = run.value(limit.key).map_or_else(|| "never".to_owned(), rounded);
     let (name, unit) = figures::of(limit.key).map_or((limit.key, ""), |figure| (figure.name, figure.unit));
@@ -170,7 +170,7 @@ fn collisions(recording: &Recording) -> Vec<Line> {
     lines.into_iter().map(|(_, line)| line).collect()
 }
 
-/// When two vehicles in the air were nearest to each other, s, and their distance then, m.
+/// The time at which two vehicles in the air were nearest to each other, s, and their distance then, m.
 fn nearest(one: &Track, other: &Track) -> Option<(f64, f64)> {
     let apart_s = other.steps.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).fold(f64::INFINITY, f64::min);
     let is_high = |trace: &Trace| trace.height_m > AIRBORNE_ABOVE_M;
@@ -365,7 +365,7 @@ pub(super) fn of_study(folder: &Folder) -> Vec<Line> {
     lines
 }
 
-/// Where a run is in its folder, as text.
+/// The place of a run in its folder, as text.
 fn place(folder: &Folder, run: &Flown) -> String {
     if folder.swept.is_empty() {
         return format!("seed {}", run.measured.seed);

@@ -45,8 +45,8 @@ pub struct StudyArgs {
     /// on it
     #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true)]
     pub threads: Option<NonZeroUsize>,
-    /// How long an external law may send nothing, seconds of wall clock, or none: a law with a breakpoint does not end the
-    /// study. Without it 10, and 60 until its first line
+    /// Longest silence of an external law, seconds of wall clock, or none: a law with a breakpoint does not end the study. Without
+    /// it 10, and 60 until its first line
     #[arg(long, value_name = "S|none", value_parser = law_timeout)]
     pub law_timeout: Option<Duration>,
     /// Folder for the results, new or empty, or that of the very same study, interrupted: the study resumes there.

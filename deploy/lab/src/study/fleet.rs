@@ -34,7 +34,7 @@ pub struct FleetStudy {
     pub teams: Vec<Study>,
 }
 
-/// Where a flight of a fleet is recorded.
+/// The folder for the recording of a fleet's flight, and the scenario files that go into it.
 #[derive(Clone, Copy, Debug)]
 pub struct FleetRecording<'a> {
     /// The folder of the run.
@@ -69,7 +69,7 @@ struct FleetFlight {
     sky: Sky,
     across: Across,
     recorder: Option<RunRecorder>,
-    /// Why it is not recorded any more, if it is not.
+    /// The result of the recording so far: an error once the recording has failed.
     recorded: Result<(), RecordError>,
     /// Number of rounds between two recorded places.
     record_rounds: u64,

@@ -25,7 +25,7 @@ pub(super) type Watched<'a> = Option<(&'a mut dyn Watch, f64)>;
 pub(super) struct SeedFlight {
     pub(super) world: World,
     laws: Option<Laws>,
-    /// Where the laws wait for their next run.
+    /// The pool in which the laws wait for their next run.
     pool: LawPool,
     pub(super) metrics: Metrics,
     /// Room to work in.
@@ -39,7 +39,7 @@ pub(super) struct SeedFlight {
     pub(super) ends_with_mission: bool,
     /// Ends the flight when it is set.
     pub(super) stop: Stop,
-    /// Why the flight has failed.
+    /// The reason why the flight has failed, if it has.
     pub(super) failed: Option<StudyError>,
     /// Wall-clock time spent on this flight, s.
     wall_s: f64,

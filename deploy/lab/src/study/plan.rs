@@ -49,7 +49,7 @@ pub(super) const UNRECORDED: &str = ".skein-unrecorded";
 pub struct Host {
     /// The file of the program: only the same program resumes a study.
     pub program: PathBuf,
-    /// Where external laws wait for their next run.
+    /// The pool in which external laws wait for their next run.
     pub laws: LawPool,
     /// Stops the study.
     pub stop: Stop,
@@ -171,7 +171,7 @@ impl Plan {
         read_text(&self.out.join("summary.json"))
     }
 
-    /// How many runs it has: all seeds of the first point, then those of the next.
+    /// The number of its runs: all seeds of the first point, then those of the next.
     pub fn runs(&self) -> usize {
         self.points.len() * (self.seeds.end - self.seeds.start) as usize
     }

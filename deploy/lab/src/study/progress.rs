@@ -1,4 +1,4 @@
-//! How far a study is: a bar on a terminal, a line now and then elsewhere.
+//! The progress of a study: a bar on a terminal, a line now and then elsewhere.
 
 use std::sync::{Mutex, OnceLock};
 use std::time::{Duration, Instant};

@@ -154,7 +154,7 @@ pub fn points(sweeps: &[Sweep], samples: Option<usize>, seed: u64) -> Result<Vec
 const MOST: usize = 100_000;
 
 impl Sweep {
-    /// How many values it has in the grid.
+    /// The number of its values in the grid.
     fn choices(&self) -> usize {
         match &self.values {
             Values::List(values) => values.len(),

@@ -52,7 +52,7 @@ pub(super) struct Vehicle {
     pub(super) clocks: Clocks,
     /// Answer of the external law for the next step.
     pub(super) answer: Option<LawReply>,
-    /// Why other things that the law sent were refused.
+    /// The reasons why other things that the law sent were refused.
     pub(super) refusals: VecDeque<ShortText>,
     /// The newest heartbeat, which a restarted agent receives first.
     pub(super) heartbeat: Option<Heartbeat>,

@@ -108,7 +108,7 @@ impl Flight {
         self.live().filter_map(move |(id, seen)| Some((id, fresh(seen?, now)?.plant_time.seconds())))
     }
 
-    /// How much the simulators' clocks have moved since the window began, on average, s.
+    /// The time by which the simulators' clocks have moved since the window began, on average, s.
     fn simulated_s(&self, now: Instant) -> f64 {
         let since = |(id, plant_s)| Some(plant_s - self.zero.as_ref()?.plant_s.get(&id)?);
         let moved: Vec<f64> = self.plant_s(now).filter_map(since).collect();

@@ -25,9 +25,9 @@ pub(crate) struct Live {
     /// The channels of the swarm that was found.
     flight: Option<(Channels<ServerSink>, Rate)>,
     utc: Utc,
-    /// Why the swarm that was found has no channels.
+    /// The reason why the swarm that was found has no channels, if it has none.
     refused: Option<String>,
-    /// Why nothing is shown, as clients know it.
+    /// The reason why nothing is shown, as clients know it.
     problem: Option<String>,
 }
 

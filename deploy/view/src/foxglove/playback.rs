@@ -18,7 +18,7 @@ const TICK: Duration = Duration::from_millis(25);
 /// Slowest and fastest play, seconds of the recording in a second.
 const SPEEDS: (f32, f32) = (0.01, 64.0);
 
-/// Where a recording is played.
+/// The playback of a recording: its place, its speed and its status.
 #[derive(Debug)]
 pub(super) struct Playback {
     /// Log times of the first and the last message, ns.

@@ -80,7 +80,7 @@ struct System {
     /// The step in which the vehicle was last reported to be in formation.
     placed: Option<u32>,
     failures: Vec<Failure>,
-    /// When the newest summary arrived.
+    /// The time at which the newest summary arrived.
     arrived: Option<Duration>,
     next_heartbeat: Duration,
     next_hud: Duration,

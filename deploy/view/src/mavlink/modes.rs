@@ -77,7 +77,7 @@ pub(super) fn flags(activity: Activity) -> MavModeFlag {
     MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | flown_by | armed
 }
 
-/// How the vehicle is.
+/// The state of the vehicle as MAVLink names it.
 pub(super) fn state(sample: &VehicleFacts) -> MavState {
     if sample.failures.contains(&Failure::Engine) {
         MavState::MAV_STATE_EMERGENCY

@@ -29,7 +29,7 @@ impl Place {
     }
 }
 
-/// Where a file says what.
+/// The places of a file's parts: its inputs, their ranges, its outputs and its rules.
 #[derive(Clone, Debug)]
 pub(in crate::control) struct Places {
     /// The name of each input, or its section.
@@ -401,7 +401,7 @@ impl<'a> Section<'a> {
         })
     }
 
-    /// Where the name of a variable is.
+    /// The place of a variable's name, or of its section's heading if it has no name.
     fn name_place(&self) -> Place {
         self.keys.get("name").map_or_else(|| self.heading.place(self.heading.text), Value::place)
     }

@@ -47,7 +47,7 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// When it reaches a receiver with this random number: the larger the number, the later.
+    /// The time at which the message reaches a receiver with this random number: the larger the number, the later.
     #[inline]
     fn at_number(&self, number: u32) -> LocalTime {
         self.sent_at.plus_seconds(self.delay_s + share(number) * self.jitter_s)

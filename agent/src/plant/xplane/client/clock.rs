@@ -28,7 +28,7 @@ pub(super) struct Clock {
     paused: bool,
     /// Start of the current measurement of the rate: local time and the simulator's time, s.
     mark: Option<(Instant, f32)>,
-    /// When the simulator last reported its time.
+    /// The time at which the simulator last reported its time.
     received: Option<Instant>,
 }
 

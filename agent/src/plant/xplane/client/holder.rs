@@ -29,7 +29,7 @@ const CHOICES: u32 = 6;
 #[derive(Debug, Default)]
 pub(super) struct Holder {
     is_overridden: bool,
-    /// When the first value was read.
+    /// The time at which the first value was read.
     since: Option<Instant>,
     last: Option<f32>,
     foreign_change: Option<Instant>,

@@ -42,7 +42,7 @@ struct Question {
     answer: Option<f32>,
 }
 
-/// How far the inquiry is.
+/// The progress of the inquiry.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum InquiryState {
     /// The simulator has not sent a position yet.

@@ -311,7 +311,7 @@ fn excess_m(position: &Position, readings: &Readings, at: Instant, frame_period_
     Some(length(offset_m) - may_move_m - MARGIN_M)
 }
 
-/// How far a difference from a value exceeds one f32 step of that value.
+/// The excess of a difference from a value over one f32 step of that value, in the value's unit; 0 if it is within the step.
 fn excess(difference: f64, value: f32) -> f64 {
     let step = f64::from(value.abs().next_up() - value.abs());
     (difference.abs() - step).max(0.0)

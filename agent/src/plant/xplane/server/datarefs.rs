@@ -86,7 +86,7 @@ impl Situation {
         Air::at(self.position.elevation_m)
     }
 
-    /// How the aircraft moves over the ground and through the air.
+    /// The motion of the aircraft over the ground and through the air.
     pub(super) fn flow(&self) -> Flow {
         Flow::of(&self.position, self.surroundings.wind_m_s(), self.air())
     }

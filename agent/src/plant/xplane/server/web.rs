@@ -18,7 +18,7 @@ pub type Elements = Option<BTreeSet<usize>>;
 /// A new flight, or a change of the current one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Flight {
-    /// Where the aircraft starts: latitude, longitude and heading, degrees. `None` leaves it where it is.
+    /// The start of the aircraft: latitude, longitude and heading, degrees. `None` leaves it where it is.
     pub place_deg: Option<[f64; 3]>,
     /// The weather, if it changes.
     pub weather: Option<Weather>,

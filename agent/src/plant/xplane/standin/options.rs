@@ -78,7 +78,7 @@ pub struct StandinOptions {
     /// Mean wind speed, m/s
     #[arg(long, default_value_t = 0.0, hide = true)]
     pub wind_m_s: f64,
-    /// Where the mean wind comes from, degrees clockwise from true north
+    /// Direction that the mean wind comes from, degrees clockwise from true north
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, hide = true)]
     pub wind_from_deg: f64,
     /// Wind speed 20 ft above the ground that sets the strength of the gusts, m/s
@@ -104,7 +104,7 @@ impl std::str::FromStr for WebPort {
     }
 }
 
-/// Why a stand-in cannot run.
+/// The reason why a stand-in cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum StandinError {
     /// The port is in use, most often by a simulator.

@@ -14,7 +14,7 @@ use skein_core::helicopter::{BuiltInVehicle, Parameters, Start, TICK_S, Weather}
 use skein_core::plant::{Controls, Frame, GroundTruth, Measurement};
 use skein_core::random::{Purpose, generator, uniform};
 
-/// How far back a replay reaches, s.
+/// Time before the newest frame that a replay covers, s.
 const REPLAY_S: f64 = 10.0;
 /// Share of a tick below which a rest is a rounding error.
 const NEGLIGIBLE_TICKS: f64 = 1e-9;

@@ -215,7 +215,7 @@ pub(super) struct Web {
     shared: Arc<WebState>,
     tasks: mpsc::Receiver<Request>,
     starts: u64,
-    /// Where it listens.
+    /// The address at which it listens.
     pub(super) address: SocketAddr,
 }
 

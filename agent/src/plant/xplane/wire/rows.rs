@@ -108,7 +108,7 @@ pub const ISE6: Tag = *b"ISE6";
 const LENGTHS_4: [usize; 3] = [37, 16, 8];
 const LENGTHS_6: [usize; 3] = [85, 65, 7];
 
-/// Where X-Plane sends something.
+/// The destination of something that X-Plane sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Destination {
     /// The things sent there: [`DATA_OUTPUT`], or another PC of an X-Plane network.

@@ -12,7 +12,7 @@ use crate::mesh::reach::{Place, Reach};
 
 /// The recipients of an order in one swarm, or in one team of a fleet.
 pub(crate) struct Recipients {
-    /// How to connect to the swarm as an operator.
+    /// Everything needed to connect to the swarm as an operator.
     pub(crate) reach: Reach,
     /// The vehicles; `None` for all of the swarm.
     pub(crate) vehicles: Option<VehicleSet>,

@@ -20,7 +20,7 @@ pub(super) struct Given {
     pub(super) effect: Effect,
     /// Whether it sets keys: it then changes nothing that [`Self::effect`] could show.
     pub(super) is_setting: bool,
-    /// Why it was not sent.
+    /// The reason why it was not sent; `None` if it was sent.
     pub(super) error: Option<Error>,
 }
 

@@ -1,4 +1,4 @@
-//! How to connect to a swarm with the keys of a folder: the cluster's own folder, or the part of it that a node has.
+//! Prepares connections to a swarm with the keys of a folder: the cluster's own folder, or the part of it that a node has.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -94,7 +94,7 @@ impl Axis {
     }
 }
 
-/// Where on an axis a number is.
+/// The scale of an axis, which gives each number its place on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale {
     /// On a logarithmic axis, of the exponents.

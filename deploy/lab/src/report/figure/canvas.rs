@@ -34,7 +34,7 @@ static FONT: LazyLock<Arc<fontdb::Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-/// How wide a text is, px.
+/// The width of a text, px.
 pub(super) fn text_width(text: &str, size_px: f64) -> f64 {
     let Ok(font) = FontRef::new(UBUNTU_LIGHT) else { return 0.0 };
     let (glyphs, metrics) = (font.charmap(), font.glyph_metrics(Size::new(size_px as f32), LocationRef::default()));
@@ -56,7 +56,7 @@ pub(super) fn png(svg: &str) -> Result<Vec<u8>, Error> {
     pixels.encode_png().map_err(|error| failed(&error))
 }
 
-/// Where a text stands from its place.
+/// The part of a text that lies at its place: its left end, its middle or its right end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Left,

@@ -1,4 +1,4 @@
-//! Where everything stands: axes, legend, marks and names, so that none covers another.
+//! The layout of a figure: places axes, legend, marks and names so that none covers another.
 
 use super::axis::Scale;
 use super::canvas::{Anchor, Canvas, SMALL_PX, text_width};

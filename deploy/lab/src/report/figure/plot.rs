@@ -146,7 +146,7 @@ fn dots_along<'a>(pieces: &'a [Vec<[f64; 2]>], phase: f64, plot: &'a Plot) -> im
     })
 }
 
-/// How an item looks, in 24 px from here to the right.
+/// Draws a sample of an item for the legend, in 24 px from here to the right.
 pub(super) fn swatch(item: &Item, [x, y]: [f64; 2], canvas: &mut Canvas) {
     let (from, middle, to) = ([x, y], [x + 11.0, y], [x + 22.0, y]);
     match &item.shape {
