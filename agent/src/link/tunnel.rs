@@ -47,7 +47,7 @@ pub(super) use tls::{Peer, TlsContext};
 
 /// Longest time to reach another host and to complete the TLS handshake. Zenoh dials again afterwards.
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(900);
-/// Largest number of pending handshakes, in total and of one network. A stranger that never completes its handshake holds
+/// Largest number of pending handshakes, in total and of one network. An attacker that never completes its handshake holds
 /// one of them for [`CONNECT_TIMEOUT`].
 const MAX_PENDING: usize = 256;
 const MAX_PENDING_PER_NETWORK: usize = 16;

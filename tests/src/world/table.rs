@@ -57,7 +57,7 @@ fn summary(flights: &[WorldFlight]) -> String {
         ("advances of a majority (P7)", |flight| flight.majorities),
         ("messages delivered", |flight| flight.delivered),
         ("messages of the liar", |flight| flight.lies),
-        ("refused: forged, of a stranger or of another run", |flight| flight.refused.forged),
+        ("refused: forged, of unknown id or of another run", |flight| flight.refused.forged),
         ("refused: not signed by the operator", |flight| flight.refused.unsigned),
         ("refused: undecodable", |flight| flight.refused.undecodable),
         ("refused: of another version", |flight| flight.refused.other_version),

@@ -1,4 +1,4 @@
-//! Limits what one network or one certificate can take of a listening agent, so that a stranger or a stolen key leaves
+//! Limits what one network or one certificate can take of a listening agent, so that an attacker or a stolen key leaves
 //! enough for the other hosts: handshakes that are pending, handshakes in a second, links, and what a guest sends and gets.
 
 use std::collections::BTreeMap;
