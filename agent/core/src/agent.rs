@@ -52,7 +52,7 @@ pub struct Inputs<'a> {
     pub broadcast: Broadcast<'a>,
     /// The strangers known; `None` without a fleet.
     pub strangers: Option<KnownStrangers<'a>>,
-    /// Intents received from vehicles of other teams, each with its time of arrival by the own clock.
+    /// Intents received from vehicles of other teams, each with its time of arrival by the own clock without its jumps.
     pub intents: &'a [ReceivedIntent],
     /// Makes this vehicle land and leave the swarm, because its agent is about to end.
     pub leave: bool,
@@ -183,8 +183,8 @@ impl Agent {
         self.peers.release_inbox();
     }
 
-    /// The times, by the own clock without its jumps, between which messages arrive that the step takes in which the clock shows
-    /// `reading`.
+    /// The times, by the own clock without its jumps, of the last step and of one in which the clock shows `reading`: what this step
+    /// takes arrives between them.
     pub fn step_at(&self, reading: LocalTime) -> Range<LocalTime> {
         self.clock.step_at(reading)
     }

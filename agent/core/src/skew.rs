@@ -15,8 +15,6 @@ pub struct Skew {
     drift: f64,
     /// Sum of all jumps, s, positive forward.
     ahead_s: f64,
-    /// The last jump: its correct time, and the sum of the jumps before it, s.
-    last_jump: Option<(LocalTime, f64)>,
 }
 
 impl Skew {
@@ -29,36 +27,17 @@ impl Skew {
             zero: LocalTime::from_seconds(vehicle.clock_offset_s - last_s),
             drift: vehicle.clock_drift_ppm * 1e-6,
             ahead_s: 0.0,
-            last_jump: None,
         }
     }
 
     /// Reading of the vehicle's clock now, when a correct clock reads `right`.
     pub fn local_time(self, right: LocalTime) -> LocalTime {
-        self.reading(right, self.ahead_s)
+        let drifted = drifted(right, self.drift);
+        LocalTime::from_nanoseconds(drifted.nanoseconds() + self.zero.nanoseconds()).plus_seconds(self.ahead_s)
     }
 
-    /// Reading of the vehicle's clock when a correct clock read `right`, before the last jump or after it. Jumps before the last
-    /// one count as older than `right`.
-    pub fn stamp(self, right: LocalTime) -> LocalTime {
-        if self.is_zero() {
-            return right;
-        }
-        let before = self.last_jump.filter(|(at, _)| right <= *at);
-        self.reading(right, before.map_or(self.ahead_s, |(_, ahead_s)| ahead_s))
-    }
-
-    fn reading(self, right: LocalTime, ahead_s: f64) -> LocalTime {
-        let drifted = right.plus_seconds(right.seconds() * self.drift);
-        LocalTime::from_nanoseconds(drifted.nanoseconds() + self.zero.nanoseconds()).plus_seconds(ahead_s)
-    }
-
-    /// Makes the clock jump forward by `by_s` when a correct clock reads `right`, or back if it is negative.
-    pub fn jump(&mut self, right: LocalTime, by_s: f64) {
-        if by_s == 0.0 {
-            return;
-        }
-        self.last_jump = Some((right, self.ahead_s));
+    /// Makes the clock jump forward by `by_s`, or back if it is negative.
+    pub fn jump(&mut self, by_s: f64) {
         self.ahead_s += by_s;
     }
 
@@ -68,32 +47,49 @@ impl Skew {
     }
 }
 
-/// A vehicle's clock at the arrivals of messages that one step of its agent takes.
+/// The reading, at this correct time, of a clock that began with the correct one and has this relative rate error.
+#[inline]
+fn drifted(right: LocalTime, drift: f64) -> LocalTime {
+    right.plus_seconds(right.seconds() * drift)
+}
+
+/// The steady clock of a vehicle's agent in one step: the vehicle's clock without its jumps, by which all ages are measured.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct ArrivalClock {
-    error: Skew,
-    /// The last step and this one, by the clock without its jumps.
+pub struct StepClock {
+    /// Relative rate error.
+    drift: f64,
+    /// Difference to a correct clock with the same rate error, ns.
+    ahead_ns: i64,
+    /// Its readings in the last step and in this one.
     from: LocalTime,
     until: LocalTime,
 }
 
-impl ArrivalClock {
-    /// The clock with this error, for a step that takes what has arrived between these two times by the clock without its jumps.
-    pub fn new(error: Skew, step: Range<LocalTime>) -> Self {
-        Self { error, from: step.start.min(step.end), until: step.end }
+impl StepClock {
+    /// The clock in the step at this correct time, of a vehicle whose clock has this error. `step` begins with the reading in the
+    /// step before, and ends with the one in this step.
+    pub fn new(error: Skew, right: LocalTime, step: Range<LocalTime>) -> Self {
+        let drift = error.drift;
+        let ahead_ns = step.end.nanoseconds().wrapping_sub(drifted(right, drift).nanoseconds()) as i64;
+        Self { drift, ahead_ns, from: step.start.min(step.end), until: step.end }
     }
 
-    /// Time of an arrival at this correct time. Whatever the clock shows after a jump, the message arrives between the two steps.
+    /// The time at this correct time, as if the clock had run steadily since then.
     #[inline]
     pub fn at(&self, right: LocalTime) -> LocalTime {
-        self.error.local_time(right).clamp(self.from, self.until)
+        let drifted = drifted(right, self.drift).nanoseconds();
+        LocalTime::from_nanoseconds(drifted.saturating_add_signed(self.ahead_ns))
     }
 
-    /// The most by which an arrival since the last step can be ahead of a correct clock that reads `right` in this one, s.
-    pub fn ahead_at_most_s(&self, right: LocalTime) -> f64 {
-        let has_jumped = self.error.local_time(right) != self.until;
-        let since_last_s = if has_jumped { self.until.seconds_since(self.from) } else { 0.0 };
-        self.until.seconds_since(right) + since_last_s
+    /// The time of an arrival at this correct time. In the step of a jump, too, a message arrives between the two steps.
+    #[inline]
+    pub fn at_arrival(&self, right: LocalTime) -> LocalTime {
+        self.at(right).clamp(self.from, self.until)
+    }
+
+    /// The most by which an arrival in this step is ahead of a correct clock, if none arrives before this correct time, s.
+    pub fn ahead_at_most_s(&self, earliest: LocalTime) -> f64 {
+        self.until.seconds_since(earliest)
     }
 }
 
@@ -102,6 +98,32 @@ mod tests {
     use skein_common::scenario::{Source, load};
 
     use super::*;
+
+    #[test]
+    fn a_steady_clock_runs_on_through_a_jump() {
+        let text = "swarm.vehicles = 1\nvehicle.1.clock_drift_ppm = 100";
+        let scenario = load(&Source { name: "test.toml", text }, &[]).unwrap().scenario;
+        let mut error = Skew::new(&scenario, VehicleId::new(1).unwrap());
+        let at = |seconds: f64| LocalTime::from_seconds(seconds);
+        let local = |error: Skew, right_s: f64| error.local_time(at(right_s));
+        let before = StepClock::new(error, at(10_000.0), local(error, 9_999.9)..local(error, 10_000.0));
+        assert_eq!(
+            [10_000.0, 9_999.95, 9_000.0].map(|right_s| before.at(at(right_s)).nanoseconds()),
+            [10_001_000_000_000, 10_000_949_995_000, 9_000_900_000_000]
+        );
+        assert_eq!(before.at_arrival(at(9_999.95)), before.at(at(9_999.95)));
+        error.jump(-500.0);
+        // In the step of the jump no time passes.
+        let jumped = StepClock::new(error, at(10_000.1), at(10_001.0)..at(10_001.0));
+        assert_eq!([9_000.0, 10_000.05].map(|right_s| jumped.at_arrival(at(right_s)).seconds()), [10_001.0; 2]);
+        let after = StepClock::new(error, at(10_000.2), at(10_001.0)..at(10_001.1));
+        assert_eq!(
+            [10_000.2, 10_000.1].map(|right_s| after.at_arrival(at(right_s)).nanoseconds()),
+            [10_001_100_000_000, 10_001_000_000_000]
+        );
+        let lost_s = before.at(at(9_000.0)).seconds_since(after.at(at(9_000.0)));
+        assert!((0.09..0.11).contains(&lost_s), "the step of the jump is not counted: {lost_s} s");
+    }
 
     #[test]
     fn a_skewed_clock_has_its_own_offset_and_rate() {

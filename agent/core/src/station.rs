@@ -31,7 +31,7 @@ use crate::intent::ReceivedIntent;
 use crate::peers::{Broadcast, Received};
 use crate::plant::{GroundTruth, Measurement, PlantStatus};
 use crate::sensors::Sensors;
-use crate::skew::{ArrivalClock, Skew};
+use crate::skew::{Skew, StepClock};
 use crate::strangers::{KnownStrangers, StrangerState};
 
 /// Clock data that survive a restart of the agent: the clock's error and the time of take-off.
@@ -57,9 +57,9 @@ impl Clocks {
         Self { flown_before_s, ..self }
     }
 
-    /// Makes the vehicle's clock jump forward by `by_s` at this correct time, or back if it is negative.
-    pub fn jump(&mut self, right: LocalTime, by_s: f64) {
-        self.skew.jump(right, by_s);
+    /// Makes the vehicle's clock jump forward by `by_s`, or back if it is negative.
+    pub fn jump(&mut self, by_s: f64) {
+        self.skew.jump(by_s);
     }
 
     /// Reading of the vehicle's clock when the correct clock reads `right`.
@@ -207,9 +207,9 @@ impl Station {
         self.agent.release_inbox();
     }
 
-    /// The clock by which the messages arrive that the step at this correct time takes.
-    pub fn arrival_clock(&self, right: LocalTime) -> ArrivalClock {
-        ArrivalClock::new(self.clocks.skew, self.agent.step_at(self.clocks.local_time(right)))
+    /// The agent's clock in the step at this correct time, until that step is taken.
+    pub fn step_clock(&self, right: LocalTime) -> StepClock {
+        StepClock::new(self.clocks.skew, right, self.agent.step_at(self.clocks.local_time(right)))
     }
 
     /// Takes the messages that an ideal network delivers, each with the correct time of its arrival. Those that pass
@@ -218,27 +218,27 @@ impl Station {
         let own = ReceiverPosition { flown_s: self.clocks.flown_s(right), position: self.agent.position() };
         let before = self.received.len();
         self.impairments.receive(right, own, arriving, &mut self.received);
-        if !self.clocks.skew.is_zero() {
-            self.received[before..].iter_mut().for_each(|received| received.at = self.clocks.local_time(received.at));
-        }
+        let clock = self.step_clock(right);
+        self.received[before..].iter_mut().for_each(|received| received.at = clock.at_arrival(received.at));
     }
 
     /// Takes the states and intents of other teams that an ideal network delivers, each with the correct time of its arrival. Call
     /// it before every step: some may be late.
     fn receive_strangers(&mut self, right: LocalTime, states: &[StrangerState], intents: &[ReceivedIntent]) {
+        let clock = self.step_clock(right);
         let Self { own, agent, strangers: Some(network), .. } = self else { return };
         let receivers: VehicleSet = [*own].into_iter().collect();
         network.set_receivers([(*own, agent.position(), agent.strangers_reach_m())].into_iter());
         states.iter().for_each(|state| network.send(state, right, receivers));
         intents.iter().for_each(|intent| network.send_intent(intent, right, receivers));
         network.deliver(right);
-        self.intents.extend(stamped_intents(network, *own, self.clocks));
+        self.intents.extend(stamped_intents(network, *own, clock));
     }
 
-    /// Takes the intents of other teams that the last delivery of this network has brought to the vehicle. They are kept for the
-    /// next step, which need not follow in the same frame: a busy central controller leaves frames out.
-    pub fn take_intents(&mut self, network: &StrangerNetwork) {
-        self.intents.extend(stamped_intents(network, self.own, self.clocks));
+    /// Takes the intents of other teams that the last delivery of this network, at this correct time, has brought to the vehicle.
+    /// They are kept for the next step, which need not follow in the same frame: a busy central controller leaves frames out.
+    pub fn take_intents(&mut self, right: LocalTime, network: &StrangerNetwork) {
+        self.intents.extend(stamped_intents(network, self.own, self.step_clock(right)));
     }
 
     /// Whether the network delivers every message to this vehicle at once, so that it need not be kept in flight:
@@ -259,7 +259,7 @@ impl Station {
             }
             (_, measurement) => measurement,
         };
-        let (network, clock) = (entering.strangers.or(self.strangers.as_deref()), self.clocks.skew);
+        let (network, clock) = (entering.strangers.or(self.strangers.as_deref()), self.step_clock(right));
         let strangers = network.map(|network| KnownStrangers { records: network.records(), right, clock });
         let (received, intents) = (&*self.received, &*self.intents);
         let inputs =
@@ -317,9 +317,9 @@ impl Station {
         &self.clocks
     }
 
-    /// Makes the vehicle's clock jump forward by `by_s` at this correct time, or back if it is negative.
-    pub fn clock_jumps(&mut self, right: LocalTime, by_s: f64) {
-        self.clocks.jump(right, by_s);
+    /// Makes the vehicle's clock jump forward by `by_s`, or back if it is negative.
+    pub fn clock_jumps(&mut self, by_s: f64) {
+        self.clocks.jump(by_s);
     }
 
     /// Counts of all messages by their delivery; `None` if the scenario has no impairments.
@@ -328,9 +328,13 @@ impl Station {
     }
 }
 
-/// The intents that the last delivery of this network has brought to a vehicle, each with its time of arrival by these clocks.
-fn stamped_intents(network: &StrangerNetwork, own: VehicleId, clocks: Clocks) -> impl Iterator<Item = ReceivedIntent> {
-    network.intents(own).map(move |intent| ReceivedIntent { at: clocks.local_time(intent.at), ..*intent })
+/// The intents that the last delivery of this network has brought to a vehicle, each with its time of arrival by this clock.
+fn stamped_intents(
+    network: &StrangerNetwork,
+    own: VehicleId,
+    clock: StepClock,
+) -> impl Iterator<Item = ReceivedIntent> {
+    network.intents(own).map(move |intent| ReceivedIntent { at: clock.at_arrival(intent.at), ..*intent })
 }
 
 #[cfg(test)]
@@ -365,8 +369,8 @@ mod tests {
         let right = LocalTime::from_seconds(100.0);
         let local_time = |clocks: &Clocks| clocks.local_time(right).nanoseconds();
         assert_eq!(local_time(&clocks), 110_000_000_000);
-        clocks.jump(right, 7.0);
-        clocks.jump(right, -2.0);
+        clocks.jump(7.0);
+        clocks.jump(-2.0);
         assert_eq!(local_time(&clocks), 115_000_000_000);
         assert_eq!(clocks.flown_s(right), None, "a clock jump does not change the flight time");
     }
@@ -388,7 +392,7 @@ mod tests {
                 network.send_intent(&sent, at, [own].into_iter().collect());
             }
             network.deliver(at);
-            station.take_intents(&network);
+            station.take_intents(at, &network);
             station.intents.iter().map(|intent| intent.order.sequence).collect::<Vec<_>>()
         };
         assert_eq!(deliver(1, 1.0, true), [1]);

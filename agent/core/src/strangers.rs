@@ -20,7 +20,7 @@ use skein_common::id::{FleetVehicle, VehicleId};
 use skein_common::message::MessageOrder;
 use skein_common::time::LocalTime;
 
-use crate::skew::Skew;
+use crate::skew::StepClock;
 pub(crate) use records::ArrivalAt;
 pub use records::StrangerRecords;
 
@@ -61,8 +61,8 @@ pub struct KnownStrangers<'a> {
     pub records: &'a StrangerRecords,
     /// The correct time, by which they have arrived.
     pub right: LocalTime,
-    /// The vehicle's clock.
-    pub clock: Skew,
+    /// The vehicle's clock in this step.
+    pub clock: StepClock,
 }
 
 /// A stranger as the safety filter needs it.
@@ -113,7 +113,7 @@ impl KnownStrangers<'_> {
     }
 
     fn by_own_clock(&self, state: StrangerState) -> StrangerState {
-        StrangerState { at: self.clock.stamp(state.at), ..state }
+        StrangerState { at: self.clock.at(state.at), ..state }
     }
 }
 
@@ -215,7 +215,7 @@ mod tests {
         }
 
         fn near(&mut self, now: LocalTime, own: PositionNed, reach_m: f64) -> Vec<MovingObstacle> {
-            let known = KnownStrangers { records: &self.records, right: now, clock: Skew::default() };
+            let known = KnownStrangers { records: &self.records, right: now, clock: StepClock::default() };
             self.strangers.near(now, Some(known), (own, reach_m)).collect()
         }
 

@@ -387,7 +387,7 @@ impl World {
         if let Some(strangers) = strangers {
             strangers.deliver(now);
             let stations = vehicles.iter_mut().filter_map(|vehicle| vehicle.station.as_mut());
-            stations.for_each(|station| station.take_intents(strangers));
+            stations.for_each(|station| station.take_intents(now, strangers));
         }
         if let Some(network) = network {
             for vehicle in vehicles.iter_mut() {
@@ -400,9 +400,9 @@ impl World {
             }));
             network.set_clocks(
                 now,
-                vehicles.iter().map(|vehicle| {
-                    vehicle.station.as_ref().map(|station| station.arrival_clock(now)).unwrap_or_default()
-                }),
+                vehicles
+                    .iter()
+                    .map(|vehicle| vehicle.station.as_ref().map(|station| station.step_clock(now)).unwrap_or_default()),
             );
             network.deliver(now, to_one, arriving);
             to_one.clear();

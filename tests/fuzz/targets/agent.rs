@@ -21,7 +21,7 @@ use skein_core::intent::ReceivedIntent;
 use skein_core::mission::agreement::{Agreement, AgreementState, OtherStates};
 use skein_core::peers::{Broadcast, PeerMessage, Received, ReceivedState};
 use skein_core::plant::{Command, GroundTruth, Measurement, PlantStatus};
-use skein_core::skew::Skew;
+use skein_core::skew::StepClock;
 use skein_core::strangers::{KnownStrangers, StrangerState};
 use skein_fuzz::explore;
 use skein_tests::SHIPPED;
@@ -100,7 +100,7 @@ impl Flight {
             self.strangers.send(&state, self.now.local, [id(1)].into_iter().collect());
         }
         self.strangers.deliver(self.now.local);
-        let (records, clock) = (self.strangers.records(), Skew::default());
+        let (records, clock) = (self.strangers.records(), StepClock::default());
         let status = PlantStatus { standstill: step.standstill, ..PlantStatus::NOTHING };
         let inputs = Inputs {
             did_not_run_s: step.did_not_run_s,

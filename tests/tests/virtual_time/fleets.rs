@@ -88,6 +88,18 @@ fn two_fleets_fly_through_each_other_over_a_lossy_network() {
 }
 
 #[test]
+fn vehicles_whose_clocks_jump_still_know_the_other_teams() {
+    for by_s in [-100, 3600] {
+        let jump = |vehicle| format!("{{ at_s = 20, fault = 'clock_jump', vehicle = {vehicle}, by_s = {by_s} }}");
+        let jumps = [1, 2, 3, 4].map(jump).join(", ");
+        let report =
+            fly(&meeting(&format!("[[team]]\nids = [1, 2, 3, 4, 5, 6, 7, 8]\nmission.events = [{jumps}]\n")), 2);
+        assert_eq!((figure(&report, "collisions"), figure(&report, "setpoints_reached")), (0.0, 2.0), "{by_s} s");
+        assert!(figure(&report, "across_separation_m") > 4.0, "{by_s} s");
+    }
+}
+
+#[test]
 fn a_vehicle_that_receives_nothing_and_flies_straight_on_is_avoided() {
     let change = "[[team]]\nids = [8]\nswarm.vehicles = 1\nformation.law = 'virtual-structure'\n\
                   mission.events = [{ at_s = 0, fault = 'isolate' }]\nmission.steps = [{ centre_ne_m = [0, 0], \

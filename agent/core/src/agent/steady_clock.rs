@@ -21,7 +21,7 @@ impl SteadyClock {
         (Now { local, ..now }, jumped)
     }
 
-    /// The steady times between which messages arrive that the step takes in which the clock shows `reading`.
+    /// The steady times of the last step and of one in which the clock shows `reading`: what this step takes arrives between them.
     pub(super) fn step_at(&self, reading: LocalTime) -> Range<LocalTime> {
         let (now, _) = self.steady(reading);
         self.last.map_or(LocalTime::ZERO, |(_, steady)| steady)..now

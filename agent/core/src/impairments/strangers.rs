@@ -228,7 +228,7 @@ mod tests {
     use super::super::channel::Direction;
     use super::*;
     use crate::intent::{Area, Intent};
-    use crate::skew::Skew;
+    use crate::skew::StepClock;
     use crate::strangers::{KnownStrangers, Strangers};
 
     fn scenario(vehicles: usize, keys: &str) -> Scenario {
@@ -489,7 +489,7 @@ mod tests {
                 kept += usize::from(networks[0].records.len() < networks[1].records.len());
                 for (id, stages) in VehicleId::first(3).zip(&mut stages) {
                     let [found, of_all] = core::array::from_fn(|nth| {
-                        let (records, clock) = (networks[nth].records(), Skew::default());
+                        let (records, clock) = (networks[nth].records(), StepClock::default());
                         let known = KnownStrangers { records, right: now, clock };
                         stages[nth].near(now, Some(known), (own(id), reach_m)).collect::<Vec<_>>()
                     });

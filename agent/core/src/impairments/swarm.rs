@@ -24,7 +24,7 @@ use super::draw::{Draw, Draws, MessageKey};
 use super::numbers::{self, Numbers};
 use super::{Delivery, Impairments, ReceiverPosition};
 use crate::peers::{Parcel, PeerMessage, Received, SwarmInbox};
-use crate::skew::{ArrivalClock, Skew};
+use crate::skew::{Skew, StepClock};
 use flight::{Arrivals, Batch, Content, OnItsWay, Spread, received_twice};
 use graph::SwarmGraph;
 use places::Places;
@@ -187,7 +187,7 @@ impl SwarmNetwork {
     }
 
     /// Sets the vehicles' clocks, by id. `now` is the correct time.
-    pub fn set_clocks(&mut self, now: LocalTime, clocks: impl Iterator<Item = ArrivalClock>) {
+    pub fn set_clocks(&mut self, now: LocalTime, clocks: impl Iterator<Item = StepClock>) {
         if self.has_wrong_clocks {
             Arc::make_mut(&mut self.inbox).set_clocks(now, clocks);
         }

@@ -22,7 +22,7 @@ use super::message::ReceivedState;
 use super::news::{AllNews, Arriving, Item, News, NewsItem};
 use super::peer::{Agreed, AgreementChange, KeptHeartbeat, Motion, Newest, StateArrival};
 use crate::delay::{Excess, since_stamp_s};
-use crate::skew::ArrivalClock;
+use crate::skew::StepClock;
 
 /// The newest messages of all senders at all receivers.
 #[derive(Clone, Debug)]
@@ -45,12 +45,14 @@ pub struct SwarmInbox {
     largest_excess: Option<Excess>,
     /// The receivers' clocks; empty if all are correct.
     clocks: Vec<ReceiverClock>,
+    /// The correct time at which the clocks were set last.
+    clocks_set_at: LocalTime,
 }
 
 /// The clock of a receiver.
 #[derive(Clone, Copy, Debug)]
 struct ReceiverClock {
-    arrivals: ArrivalClock,
+    now: StepClock,
     /// The most by which an arrival has been ahead of a correct clock so far, s.
     ahead_s: f64,
 }
@@ -253,7 +255,7 @@ fn state_slot(state: &ReceivedState, sent_at: LocalTime, travelled_m: f64) -> Sl
 #[inline]
 fn arriving(clocks: &[ReceiverClock], receiver: VehicleId, at: LocalTime, serial: u64) -> Arriving {
     let nth = index(receiver);
-    let local_at = clocks.get(nth).map_or(at, |clock| clock.arrivals.at(at));
+    let local_at = clocks.get(nth).map_or(at, |clock| clock.now.at_arrival(at));
     Arriving { receiver, nth, turn: (at, serial), at: local_at }
 }
 
@@ -298,19 +300,21 @@ impl SwarmInbox {
             fastest_m_s: 0.0,
             largest_excess: None,
             clocks: Vec::new(),
+            clocks_set_at: LocalTime::ZERO,
         }
     }
 
     /// Sets the clocks of the receivers, by id, of which any may be wrong. `now` is the correct time, by which everything is
     /// delivered until the next call.
-    pub fn set_clocks(&mut self, now: LocalTime, clocks: impl Iterator<Item = ArrivalClock>) {
+    pub fn set_clocks(&mut self, now: LocalTime, clocks: impl Iterator<Item = StepClock>) {
         let count = self.senders.len();
         if self.clocks.is_empty() {
-            self.clocks = vec![ReceiverClock { arrivals: ArrivalClock::default(), ahead_s: f64::NEG_INFINITY }; count];
+            self.clocks = vec![ReceiverClock { now: StepClock::default(), ahead_s: f64::NEG_INFINITY }; count];
             self.senders.iter_mut().for_each(|from| from.states_right_at = vec![LocalTime::ZERO; count]);
         }
-        for (clock, arrivals) in self.clocks.iter_mut().zip(clocks) {
-            *clock = ReceiverClock { arrivals, ahead_s: arrivals.ahead_at_most_s(now).max(clock.ahead_s) };
+        let earliest = core::mem::replace(&mut self.clocks_set_at, now);
+        for (clock, now) in self.clocks.iter_mut().zip(clocks) {
+            *clock = ReceiverClock { now, ahead_s: now.ahead_at_most_s(earliest).max(clock.ahead_s) };
         }
     }
 
@@ -454,7 +458,7 @@ impl SwarmInbox {
     /// The time of an item's arrival by the receiver's clock.
     pub(super) fn arrival(&self, news: &NewsItem) -> LocalTime {
         let (at, _) = news.turn;
-        self.clocks.get(usize::from(news.receiver)).map_or(at, |clock| clock.arrivals.at(at))
+        self.clocks.get(usize::from(news.receiver)).map_or(at, |clock| clock.now.at_arrival(at))
     }
 
     /// Bounds for all states sent so far: the length that no vehicle's position has exceeded on its way, m, the largest horizontal

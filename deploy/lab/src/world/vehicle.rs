@@ -101,7 +101,7 @@ impl Vehicle {
             pilot: None,
             simulator_frozen: false,
         };
-        vehicle.clocks.jump(LocalTime::ZERO, script::clock_begins_s(scenario, id));
+        vehicle.clocks.jump(script::clock_begins_s(scenario, id));
         vehicle.station = Some(vehicle.new_station(scenario, rules)?);
         Ok(vehicle)
     }
@@ -137,8 +137,8 @@ impl Vehicle {
     pub(super) fn let_clock_jump(&mut self, now: LocalTime) {
         while let Some(by_s) = self.clocks().flown_s(now).and_then(|flown_s| self.clock_jumps.due(flown_s)) {
             match &mut self.station {
-                Some(station) => station.clock_jumps(now, by_s),
-                None => self.clocks.jump(now, by_s),
+                Some(station) => station.clock_jumps(by_s),
+                None => self.clocks.jump(by_s),
             }
         }
     }
