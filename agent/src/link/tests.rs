@@ -185,7 +185,7 @@ fn a_peer_that_closes_its_link_is_reported_at_once() {
     let begin = now();
     two.close();
     until(&one, || {}, |received| message(received, |message| *message == PeerMessage::Vanished(id(2))));
-    assert!(now() < begin + Duration::from_secs(6), "a link that fails is given up after 10 s");
+    assert!(now() < begin + Duration::from_secs(2));
 }
 
 /// An agent can be late in two ways: it starts late, or a peer that could not be reached is reached late.
@@ -200,7 +200,7 @@ fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
     let born = now();
     let late = link(open_zenoh(&swarm, &[], &dial, &[]).unwrap(), 2, trust(&swarm));
     until(&late, || {}, |received| message(received, newest(1, 5)));
-    assert!(now() < born + Duration::from_secs(10), "received after {:?}", now() - born);
+    assert!(now() < born + Duration::from_secs(1), "received after {:?}", now() - born);
 
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let endpoint = vec![format!("tcp/{free}")];
@@ -218,7 +218,7 @@ fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
         },
     );
     let after = now() - appeared.expect("the token comes first");
-    assert!(after < Duration::from_secs(10), "received {after:?} after the token");
+    assert!(after < Duration::from_secs(1), "received {after:?} after the token");
     assert_eq!((late.drops().forged, waiting.drops().undecodable), (0, 0));
 }
 

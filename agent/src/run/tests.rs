@@ -109,6 +109,7 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     let mut healths = listen::<Health>(&observer, all::HEALTH);
     let mut traces = listen::<Trace>(&observer, all::TRACES);
     let mut summaries = listen::<Summary>(&observer, all::SUMMARIES);
+    let begin = now();
     let two = Flight::begin(node(&swarm, 2), second, &tokio);
 
     let mut recorded: Vec<Event> = Vec::new();
@@ -119,6 +120,7 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
         recorded.extend(events());
         has(&recorded, 1, EventKind::BecameActive) && has(&recorded, 2, EventKind::BecameActive)
     });
+    assert!(now() < begin + Duration::from_secs(5));
     for number in [1, 2] {
         let other = VehicleId::new(3 - number).unwrap();
         assert!(has(&recorded, number, EventKind::PeerFound(other)), "{recorded:?}");
@@ -137,10 +139,10 @@ fn two_agents_find_each_other_become_active_and_land_on_request() {
     });
     let last = health.last().unwrap();
     assert_eq!((last.plant.as_str(), last.drops.total()), ("builtin", 0));
-    assert!(last.frame_rate_hz > 5.0 && last.step_p50_us > 0.0 && last.step_p50_us <= last.step_p99_us, "{last:?}");
+    assert!(last.frame_rate_hz > 25.0 && last.step_p50_us > 0.0 && last.step_p50_us <= last.step_p99_us, "{last:?}");
     assert_eq!(last.peers[0].standing, PeerStatus::Fresh);
     let clocks: Vec<_> = health.iter().filter_map(|message| message.peers.first()?.clock).collect();
-    assert!(clocks.iter().all(|clock| clock.offset_s.abs() <= clock.bound_s && clock.bound_s < 5.0), "{clocks:?}");
+    assert!(clocks.iter().all(|clock| clock.offset_s.abs() <= clock.bound_s && clock.bound_s < 0.5), "{clocks:?}");
     assert!(
         last.failures.is_empty() && last.refused.is_empty() && last.version == env!("CARGO_PKG_VERSION"),
         "{last:?}"
@@ -193,7 +195,7 @@ fn assert_summarised(summaries: &[Summary], traces: &[Trace]) {
     });
     assert!(compared.count() > 5, "no trace of the same frames");
     let last = &of_one[of_one.len() - 1].facts;
-    assert!(last.process.is_some_and(|process| process.frame_rate_hz > 5.0) && !last.peers.is_empty(), "{last:?}");
+    assert!(last.process.is_some_and(|process| process.frame_rate_hz > 25.0) && !last.peers.is_empty(), "{last:?}");
 }
 
 #[test]
@@ -490,7 +492,7 @@ fn a_second_request_ends_at_once() {
     flight.stop.request();
     let begin = now();
     flight.end();
-    assert!(now() < begin + Duration::from_secs(10));
+    assert!(now() < begin + Duration::from_secs(3));
 }
 
 #[test]

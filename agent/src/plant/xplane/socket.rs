@@ -156,7 +156,7 @@ mod tests {
             let reset = Err(io::ErrorKind::ConnectionReset.into());
             assert!(matches!(port.assess(reset, Some(Duration::from_secs(1))), Received::Fault));
         }
-        assert!(now() < begin + Duration::from_secs(20), "a thousand resets cause no pause");
+        assert!(now() < begin + Duration::from_secs(1), "a thousand resets cause no pause");
         assert_eq!(port.faults, 1000);
         friend.send_to(b"here", port.socket.local_addr().unwrap()).unwrap();
         assert!(matches!(port.receive(Some(now() + Duration::from_secs(1))), Received::Datagram(4, _)));

@@ -523,8 +523,7 @@ mod live {
         delays.sort_unstable();
         let (median, p99) = (delays[75], delays[148]);
         println!("from the position's arrival to the last control sent: median {median:?}, 99 % {p99:?}");
-        // Release builds on an idle computer stay below 0.1 ms; the asserted bound is the control loop's requirement. On a busy
-        // one the thread loses the processor between the two now and then.
-        assert!(delays[15] < Duration::from_millis(1), "{delays:?}");
+        // Release builds on an idle computer stay below 0.1 ms; the asserted bound is the control loop's requirement.
+        assert!(median < Duration::from_millis(1), "{median:?}");
     }
 }
