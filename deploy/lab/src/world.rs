@@ -4,8 +4,7 @@
 //! One tick is one frame of every vehicle. A message sent in a tick is received in the next one by all other agents. It
 //! passes through the same encoding as on the wire. Over a perfect network, agents that have received the same share the
 //! records of it ([`SharedRecords`]); over another, or by wrong clocks, they read the inbox of the swarm ([`SwarmNetwork`]).
-//! Only if a clock jumps, each agent's own [`Station`] has the impairments. Faults are injected after the agents have received
-//! messages and before they step.
+//! Clocks jump before the agents receive messages; all other faults are injected after that and before they step.
 //!
 //! The agents run beside their vehicles (`world/beside.rs`), or in the central controller of `control.mode = "central"`
 //! (`world/central.rs`).

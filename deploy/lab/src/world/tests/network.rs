@@ -60,6 +60,17 @@ fn compare(sets: &[String], seconds: f64) {
     assert_eq!(swarm.totals(), each.totals());
 }
 
+/// All that differs from a correct clock over a perfect network is the jump.
+#[test]
+fn after_a_jump_of_a_clock_messages_arrive_when_they_do() {
+    for by_s in [-16.18, 16.18, -3.0, 3.0] {
+        let jump = format!("{{ at_s = 6.79, for_s = 4, fault = 'clock_jump', vehicle = 3, by_s = {by_s} }}");
+        let sets = ["swarm.vehicles=5", "seed=240", "plant.model=point_mass", "start.square_m=200"];
+        let all = sets.into_iter().map(str::to_owned).chain([format!("mission.events=[{jump}]")]);
+        compare(&all.collect::<Vec<_>>(), 20.0);
+    }
+}
+
 /// Settings of one link.
 fn link() -> impl Strategy<Value = Vec<String>> {
     let maybe = |key: &'static str, value: BoxedStrategy<f64>| {
