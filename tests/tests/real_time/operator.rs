@@ -172,6 +172,7 @@ fn health_reports_of_vehicles_are_shown_without_control_characters() {
     };
     let is_over = AtomicBool::new(false);
     thread::scope(|scope| {
+        scopeguard::defer! { is_over.store(true, Relaxed) }
         scope.spawn(|| {
             for sequence in 1.. {
                 line.publish(health(sequence));
@@ -183,7 +184,6 @@ fn health_reports_of_vehicles_are_shown_without_control_characters() {
         });
         let [text, json] = ["cluster status -f cluster.toml", "cluster status --json -f cluster.toml"]
             .map(|arguments| pc.skein(arguments));
-        is_over.store(true, Relaxed);
         is_shown_as_text(&text.out);
         assert!(text.out.contains("1\\u000anode 9: good\\u001b"), "one line: {}", text.out);
         assert_eq!(text.status, Some(0), "{}", text.err);

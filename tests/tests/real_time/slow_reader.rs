@@ -160,6 +160,7 @@ fn urgent_queries_of_a_slow_reader_delay_no_step_of_an_agent() {
     // The agent sends states to every subscriber.
     intruder.first().declare_subscriber("vehicle/*/**").callback(|_| {}).background().wait().unwrap();
     let under_attack = thread::scope(|scope| {
+        scopeguard::defer! { is_over.store(true, Relaxed) }
         scope.spawn(|| {
             while !is_over.load(Relaxed) {
                 let question = intruder
@@ -179,9 +180,7 @@ fn urgent_queries_of_a_slow_reader_delay_no_step_of_an_agent() {
                 thread::sleep(Duration::from_micros(200));
             }
         });
-        let watched = observer.watch(WATCHED);
-        is_over.store(true, Relaxed);
-        watched
+        observer.watch(WATCHED)
     });
     let usual = |watched: &Watched| (usual_s(&watched.steps_s), usual_s(&watched.silences_s));
     let ((step_s, silence_s), (attacked_step_s, attacked_silence_s)) = (usual(&calm), usual(&under_attack));

@@ -279,6 +279,7 @@ fn attack(flight: &Flight, observer: &mut Observer, lasts: Duration, mut look: i
     let here = Mutex::new(steps(observer).swap_remove(0).1);
     let stop = AtomicBool::new(false);
     let (sent, took) = thread::scope(|scope| {
+        scopeguard::defer! { stop.store(true, Relaxed) }
         let attack = scope.spawn(|| attacker.run(socket_before.port, &here, &stop));
         watch(observer, lasts, |steps| {
             steps.iter().filter(|(id, _)| *id == victim).for_each(|(_, step)| here.lock().unwrap().clone_from(step));

@@ -226,6 +226,7 @@ fn a_guest_that_declares_without_end_loses_its_link_and_delays_no_vehicle() {
     wait_until(|| [&swarm.one, &swarm.two].iter().all(|link| links(link) == 1));
     let is_over = AtomicBool::new(false);
     std::thread::scope(|scope| {
+        scopeguard::defer! { is_over.store(true, Relaxed) }
         scope.spawn(|| {
             let mut subscribers = Vec::new();
             while !is_over.load(Relaxed) {
@@ -242,7 +243,6 @@ fn a_guest_that_declares_without_end_loses_its_link_and_delays_no_vehicle() {
                 *keep &= links(link) == 1;
             }
         }
-        is_over.store(true, Relaxed);
     });
     swarm.exchange(ROUNDS, || {});
 }

@@ -484,6 +484,7 @@ mod live {
         let to = link.port.socket.local_addr().unwrap();
         let stop = AtomicBool::new(false);
         thread::scope(|scope| {
+            scopeguard::defer! { stop.store(true, Relaxed) }
             scope.spawn(|| {
                 let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
                 let mut seed = 1_u8;
@@ -502,7 +503,6 @@ mod live {
                 let height_m = next_frame(&mut link).measurement.height_m;
                 assert!((height_m - 0.242).abs() < 0.01, "it stands where it stood: {height_m}");
             }
-            stop.store(true, Relaxed);
         });
         assert!(link.drops().malformed > 100, "{:?}", link.counters());
     }

@@ -40,6 +40,7 @@ fn under_attack<T>(link: &mut XPlane, positions: &[Position], fly: impl FnOnce(&
     let datagrams: Vec<_> = positions.iter().map(encoded).collect();
     let stop = AtomicBool::new(false);
     thread::scope(|scope| {
+        scopeguard::defer! { stop.store(true, Relaxed) }
         scope.spawn(|| {
             let socket = UdpSocket::bind((LOCAL, 0)).unwrap();
             while !stop.load(Relaxed) {
@@ -49,9 +50,7 @@ fn under_attack<T>(link: &mut XPlane, positions: &[Position], fly: impl FnOnce(&
                 sleep_until(now() + Duration::from_millis(1));
             }
         });
-        let flown = fly(link);
-        stop.store(true, Relaxed);
-        flown
+        fly(link)
     })
 }
 
