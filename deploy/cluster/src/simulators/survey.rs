@@ -23,8 +23,8 @@ const VALUES_HZ: u32 = 10;
 /// Number of requests that are sent at once, and the time between two such batches: X-Plane takes about 148 a frame.
 const BATCH: usize = 100;
 const BATCH_EVERY: Duration = Duration::from_millis(100);
-/// Requests are sent again after this time to a simulator that has not answered: datagrams are lost.
-const ASK_AGAIN: Duration = Duration::from_secs(1);
+/// Time after which a survey asks again for what has not come: datagrams are lost.
+const ASK_AGAIN: Duration = Duration::from_millis(500);
 /// A simulator that has sent nothing in this time is given up.
 pub const SILENT: Duration = Duration::from_secs(2);
 /// Size of the largest datagram that is received.
@@ -73,8 +73,9 @@ impl Surveyor {
         Ok(Self { socket, simulator })
     }
 
-    /// Asks for these datarefs and, at `positions_hz` (0: none), for positions; receives for this time, or until all
-    /// datarefs have answered if no positions are wanted, or until it is clear that nothing answers; then ends the subscriptions.
+    /// Asks for these datarefs and, at `positions_hz` (0: none), for positions, and again for what does not come. Receives
+    /// for this time from the first answer on, or until all datarefs have answered if no positions are wanted, or until the simulator
+    /// has been silent for [`SILENT`]; then ends the subscriptions.
     ///
     /// # Errors
     /// If the system provides no random numbers.
@@ -88,27 +89,27 @@ impl Surveyor {
         let first = first_index()?;
         let begin = clock::now();
         let mut survey = Survey::default();
-        self.subscribe(datarefs, first, VALUES_HZ, positions_hz);
-        let mut asked = begin;
+        let (mut until, mut ask_at) = (begin + SILENT, begin);
         let mut buffer = [0; LARGEST];
-        while clock::now() < begin + time {
-            let is_silent = survey.values.is_empty() && survey.position.is_none();
-            if is_silent && clock::now() >= asked + ASK_AGAIN {
-                self.subscribe(datarefs, first, VALUES_HZ, positions_hz);
-                asked = clock::now();
+        while clock::now() < until && (positions_hz > 0 || survey.values.len() < datarefs.len()) {
+            if clock::now() >= ask_at {
+                let wants_positions = positions_hz > 0 && survey.position.is_none();
+                let is_missing = |path: &str| survey.value(path).is_none();
+                self.subscribe(datarefs, first, VALUES_HZ, wants_positions.then_some(positions_hz), is_missing);
+                ask_at = clock::now() + ASK_AGAIN;
             }
-            let is_complete = positions_hz == 0 && survey.values.len() == datarefs.len();
-            if is_complete || is_silent && clock::now() >= begin + SILENT {
-                break;
-            }
-            let Some(size) = self.receive(&mut buffer, (begin + time).min(asked + ASK_AGAIN)) else { continue };
-            let after_s = clock::now().saturating_duration_since(begin).as_secs_f64();
+            let Some(size) = self.receive(&mut buffer, until.min(ask_at)) else { continue };
+            let (now, was_silent) = (clock::now(), !survey.has_answered());
+            let after_s = now.saturating_duration_since(begin).as_secs_f64();
             survey.take(&buffer[..size], datarefs, first, after_s);
+            if was_silent && survey.has_answered() {
+                until = now + time;
+            }
             if keeps_datagrams {
                 survey.datagrams.push((after_s, buffer[..size].to_vec()));
             }
         }
-        self.subscribe(datarefs, first, 0, 0);
+        self.subscribe(datarefs, first, 0, Some(0), |_| true);
         Ok(survey)
     }
 
@@ -171,15 +172,23 @@ impl Surveyor {
         let _ = self.socket.send_to(bytes, self.simulator);
     }
 
-    fn subscribe(&self, datarefs: &[String], first: i32, values_hz: u32, positions_hz: u32) {
+    /// Requests positions at this rate, if any, and the datarefs that `is_wanted` names; rates of zero end the subscriptions.
+    fn subscribe(
+        &self,
+        datarefs: &[String],
+        first: i32,
+        values_hz: u32,
+        positions_hz: Option<u32>,
+        is_wanted: impl Fn(&str) -> bool,
+    ) {
         let mut bytes = Vec::new();
-        // A lost request shows as a silent dataref; the first requests are repeated.
-        if positions_hz > 0 || values_hz == 0 {
+        if let Some(positions_hz) = positions_hz {
             encode_rate(&rpos::TAG, positions_hz, &mut bytes);
             self.send(&bytes);
         }
-        for (nth, path) in datarefs.iter().enumerate() {
-            if nth > 0 && nth % BATCH == 0 {
+        let wanted = datarefs.iter().enumerate().filter(|(_, path)| is_wanted(path));
+        for (sent, (nth, path)) in wanted.enumerate() {
+            if sent > 0 && sent % BATCH == 0 {
                 clock::sleep(BATCH_EVERY);
             }
             let request = DatarefRequest { frequency_hz: values_hz, index: first + nth as i32, path };
@@ -247,4 +256,36 @@ fn first_index() -> Result<i32, Error> {
     let bytes = os::random_bytes();
     let bytes = bytes.ok_or_else(|| Error::Failed("this system provides no random numbers".to_owned()))?;
     Ok(i32::from_le_bytes(bytes) & FIRST_INDEX_MASK)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::thread;
+
+    use super::*;
+
+    /// A simulator that loses the first request for each thing.
+    #[test]
+    fn what_a_simulator_does_not_send_is_asked_for_again() {
+        let simulator = UdpSocket::bind("127.0.0.1:0").unwrap();
+        simulator.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        let surveyor = Surveyor::open(&simulator.local_addr().unwrap().to_string()).unwrap();
+        let lossy = thread::spawn(move || {
+            let (mut buffer, mut lost) = ([0; LARGEST], BTreeSet::new());
+            // The requests that end the subscriptions are for positions, or have a rate of zero.
+            while let Ok((size, from)) = simulator.recv_from(&mut buffer)
+                && let Ok(DatarefRequest { frequency_hz: 1.., index, .. }) = DatarefRequest::decode(&buffer[..size])
+            {
+                if !lost.insert(index) {
+                    let value = [&rref::TAG[..], b",", &index.to_le_bytes(), &7.0_f32.to_le_bytes()].concat();
+                    simulator.send_to(&value, from).unwrap();
+                }
+            }
+        });
+        let datarefs = ["sim/one", "sim/another"].map(str::to_owned);
+        let survey = surveyor.survey(&datarefs, 0, Duration::from_secs(10), false).unwrap();
+        assert!(datarefs.iter().all(|path| survey.value(path) == Some(7.0)), "{survey:?}");
+        lossy.join().unwrap();
+    }
 }
