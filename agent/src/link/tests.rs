@@ -241,9 +241,10 @@ fn malformed_and_forged_messages_are_counted_and_dropped() {
     send(&stranger, "vehicle/2/mission", b"");
     send(&stranger, "vehicle/2/cell/0/0/state", &good[..good.len() - 1]);
     send(&stranger, "order/1", &[VERSION + 1, 1, 1, 0]);
+    // Of the states that were sent until one came, others may come later, and are old.
     let expected = Drops { undecodable: 3, other_version: 1, forged: 2, ..before };
     let deadline = now() + TIMEOUT;
-    while link.drops() != expected {
+    while (Drops { old: before.old, ..link.drops() }) != expected {
         assert!(now() < deadline, "{:?}", link.drops());
         pause();
     }

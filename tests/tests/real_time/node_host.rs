@@ -124,8 +124,11 @@ impl Host {
 }
 
 impl Drop for Host {
-    /// Ends all processes, also of a failed test.
+    /// Ends all processes, also of a failed test, whose log is shown.
     fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("{}", self.log());
+        }
         let folder = self.folder.path().to_str().unwrap();
         for id in processes(folder) {
             let _ = kill_process(pid(id), Signal::KILL);
@@ -270,7 +273,9 @@ fn a_node_is_installed_started_kept_alive_landed_and_removed() {
     let (_, facts) = host.done("r2", Ask::Start { run: 10, note: None });
     let agent = facts.agent.unwrap();
     assert_eq!((agent.installed.release.as_str(), agent.run, agent.restarts), ("r1", 10, 0));
-    // An agent that landed by itself is not restarted, not even by a supervisor that did not start it.
+    // An agent that landed by itself is not restarted, not even by a supervisor that did not start it. A signal that comes before
+    // the agent catches signals would end it without a landing, and the new supervisor does not receive its output.
+    wait_until("the vehicle flies again", || host.log().matches("vehicle 1 at altitude").count() == 2);
     kill(host.supervisor());
     assert!(host.done("r2", Ask::Start { run: 10, note: None }).0);
     kill_process(pid(agent.pid), Signal::TERM).unwrap();
