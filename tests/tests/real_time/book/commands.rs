@@ -202,6 +202,7 @@ fn a_folder_runs_commands_with_files_and_statuses() {
     folder.write("a/b.txt", "here\n");
     let printed = folder.run("cat a/b.txt; echo there >&2; pwd; exit 3");
     assert_eq!((&*printed.text, printed.status), ("here\nthere\n/home/you/lab\n", Some(3)));
+    assert_eq!(folder.run("echo 1 of 2 runs, 11 s gone, about 11 s left; echo end").text, "end\n");
     assert_eq!(folder.run("sleep 60 > /dev/null 2>&1 &").status, Some(0));
     let printed = folder.run("skein files explain duration_s | head -n 1; ls deploy/scenarios/hover.toml");
     assert_eq!(printed.text, "duration_s\ndeploy/scenarios/hover.toml\n");

@@ -109,8 +109,14 @@ impl Folder {
             self.background.push(group);
         }
         let text = String::from_utf8(bytes.unwrap()).unwrap().replace(&self.tree_path, "");
-        Printed { text, status: end(child) }
+        Printed { text: without_progress(&text), status: end(child) }
     }
+}
+
+/// The output without the lines that a study prints every ten seconds: on a busy PC they are more.
+fn without_progress(text: &str) -> String {
+    let is_progress = |line: &str| line.contains(" s gone, about ") && line.trim_end().ends_with(" s left");
+    text.split_inclusive('\n').filter(|line| !is_progress(line)).collect()
 }
 
 fn end(mut child: Child) -> Option<i32> {
