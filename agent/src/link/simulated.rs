@@ -65,7 +65,7 @@ impl SimulatedEnd {
         let (changed, is_traced) = (Arc::<AtomicU64>::default(), Arc::<AtomicBool>::default());
         let of_notify = changed.clone();
         let now = move || LocalTime::from_nanoseconds(of_notify.load(Relaxed));
-        presence.watch_links(branch, super::notify(&receiver, now));
+        presence.watch_links(branch, super::receiver::notify(&receiver, now));
         let outgoing = Outgoing::without_thread();
         let handover = outgoing.shared.clone();
         let link = Link {

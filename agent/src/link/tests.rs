@@ -3,21 +3,27 @@ mod orders;
 mod secured;
 mod teams;
 
+use std::path::PathBuf;
 use std::process;
 use std::time::{Duration, Instant};
 
+use serde_json::json;
 use skein_common::frame::{Geodetic, Origin, VelocityNed};
-use skein_common::id::{Incarnation, VehicleSet};
-use skein_common::message::{Event, Header, Order, State, VERSION, Verb, encode};
+use skein_common::id::{Incarnation, SwarmName, VehicleName, VehicleSet};
+use skein_common::message::{Event, Header, Heartbeat, Message, Order, Reason, State, VERSION, Verb, encode};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, SenderStamp};
-use skein_common::topic::Cell;
+use skein_common::topic::{Branch, Cell};
+use skein_core::peers::{Broadcast, PeerMessage, Peers, ReceivedState};
+use zenoh::qos::CongestionControl;
 
+use super::error::plain;
+use super::inbox::Inbox;
+use super::receiver::receive;
 use super::signature::SigningKey;
 use super::signature::messages::KeyRing;
 use super::*;
-use skein_core::peers::{Broadcast, Peers};
 use skein_host::clock::{now, sleep_until};
 
 const TIMEOUT: Duration = Duration::from_secs(20);
