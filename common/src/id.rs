@@ -4,6 +4,7 @@ mod vehicle_name;
 
 use std::fmt;
 use std::num::{NonZeroU8, NonZeroU16};
+use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
@@ -260,6 +261,29 @@ impl VehicleSet {
         VehicleIds { blocks: self.0, nth: 0 }
     }
 
+    /// The runs of consecutive ids, in their order, each as its range in a table of all vehicles from 1 on.
+    pub fn runs(self) -> impl Iterator<Item = Range<usize>> {
+        let mut begin = 0;
+        std::iter::from_fn(move || {
+            let first = self.next_place(begin, true)?;
+            begin = self.next_place(first, false)?;
+            Some(first..begin)
+        })
+    }
+
+    /// The first place from this one on whose bit is set, or is not.
+    #[inline]
+    fn next_place(&self, from: usize, is_set: bool) -> Option<usize> {
+        let wanted = |block: u64| if is_set { block } else { !block };
+        let mut nth = from / 64;
+        let mut block = wanted(*self.0.get(nth)?) & (u64::MAX << (from % 64));
+        while block == 0 {
+            nth += 1;
+            block = wanted(*self.0.get(nth)?);
+        }
+        Some(64 * nth + block.trailing_zeros() as usize)
+    }
+
     /// One bit for each id from 1 on, the lowest bit of the first byte for vehicle 1.
     pub fn to_bytes(self) -> [u8; 32] {
         let mut bytes = [0; 32];
@@ -440,6 +464,7 @@ mod tests {
         let ids = [1, 2, 64, 65, 128, 129, 200, 250].map(|number| VehicleId::new(number).unwrap());
         let mut set: VehicleSet = ids.into_iter().collect();
         assert_eq!(set.iter().collect::<Vec<_>>(), ids);
+        assert!(set.runs().eq([0..2, 63..65, 127..129, 199..200, 249..250]) && VehicleSet::default().runs().eq([]));
         assert_eq!(
             (set.len(), set.contains(ids[3]), set.to_string()),
             (8, true, "1, 2, 64, 65, 128, 129, 200, 250".into())

@@ -32,6 +32,7 @@
 //! one process that have received the same can share them ([`SharedRecords`]). What depends on this vehicle is here: its
 //! round trips, the peers near it, and that it is not a peer of its own.
 
+mod arrival;
 mod column;
 mod inbox;
 mod message;
@@ -57,6 +58,7 @@ use skein_common::time::{LocalTime, SenderStamp};
 
 use crate::deadlines::Deadline;
 use crate::delay::{DelayBase, Exchange, MessageDelay, RoundTripTable};
+pub use arrival::{Arrival, Spread};
 pub use column::Parcel;
 pub use inbox::SwarmInbox;
 pub use message::{PeerMessage, Received, ReceivedState};

@@ -70,6 +70,12 @@ pub fn uniform(rng: &mut impl Rng) -> f64 {
     (rng.next_u64() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
 }
 
+/// A 32-bit number as a share, exactly, in steps of 2⁻³².
+#[inline]
+pub(crate) fn share(number: u32) -> f64 {
+    f64::from(number) * (1.0 / 4_294_967_296.0)
+}
+
 /// A normally distributed number with mean 0 and variance 1, by Box and Muller (1958). Always finite: the logarithm's
 /// argument is at least 2⁻⁵³, so its magnitude is at most 8.6.
 #[inline]

@@ -12,7 +12,7 @@ use skein_common::id::{FleetVehicle, VehicleId};
 use skein_common::message::MessageOrder;
 
 use crate::peers::PeerMessage;
-use crate::random;
+use crate::random::{self, share};
 
 /// The decision of a random number. The discriminants are part of the meaning of a seed: never reuse one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -148,9 +148,4 @@ fn generator(of_seed: &ChaCha8Rng, what: Draw, key: &MessageKey, receiver: u8) -
     // The numbers of a message for all receivers, 1 to 250, lie side by side.
     generator.set_word_pos(u128::from(order.sequence) << 8 | u128::from(receiver));
     generator
-}
-
-/// A 32-bit number as a share, exactly, in steps of 2⁻³².
-pub(super) fn share(number: u32) -> f64 {
-    f64::from(number) * (1.0 / 4_294_967_296.0)
 }

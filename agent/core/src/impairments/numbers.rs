@@ -6,7 +6,8 @@ use alloc::vec::Vec;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::Quality;
 
-use super::draw::{AllDraws, Draw, MessageKey, share};
+use super::draw::{AllDraws, Draw, MessageKey};
+use crate::random::share;
 
 /// The random numbers of one message at all receivers, by what they decide.
 #[derive(Clone, Debug)]
@@ -49,9 +50,9 @@ impl Numbers {
         share(self.columns[what as usize][usize::from(receiver.get())])
     }
 
-    /// The whole numbers that decide this, each at the place of its receiver's id.
+    /// The whole numbers that decide this, by receiver.
     pub(super) fn column(&self, what: Draw) -> &[u32] {
-        &self.columns[what as usize]
+        &self.columns[what as usize][1..]
     }
 
     /// The receivers whose number is below this share.

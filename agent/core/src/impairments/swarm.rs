@@ -23,9 +23,9 @@ use super::channels::{Range, quality_of};
 use super::draw::{Draw, Draws, MessageKey};
 use super::numbers::{self, Numbers};
 use super::{Delivery, Impairments, ReceiverPosition};
-use crate::peers::{Parcel, PeerMessage, Received, SwarmInbox};
+use crate::peers::{Arrival, Parcel, PeerMessage, Received, Spread, SwarmInbox};
 use crate::skew::{Skew, StepClock};
-use flight::{Arrivals, Batch, Content, OnItsWay, Spread, received_twice};
+use flight::{Arrivals, Batch, Content, OnItsWay, received_twice};
 use graph::SwarmGraph;
 use places::Places;
 use receiver::{EventEffect, SwarmReceiver};
@@ -298,7 +298,10 @@ impl SwarmNetwork {
             self.put_spread((serial, &what), through, Spread { sent_at: now, delay_s, jitter_s, numbers });
         } else {
             let at = now.plus_seconds(delay_s);
-            self.put_in_flight(OnItsWay { serial, what, receivers: through, at: Arrivals::Alike(at) }, at);
+            self.put_in_flight(
+                OnItsWay { serial, what, receivers: through, at: Arrivals::Together(Arrival::Alike(at)) },
+                at,
+            );
         }
     }
 
@@ -315,7 +318,7 @@ impl SwarmNetwork {
                 receivers.both(self.numbers.below_number(Draw::Jitter, spread.numbers_until(end)))
             };
             receivers = receivers.without(due);
-            let at = Arrivals::Spread(Arc::clone(&spread));
+            let at = Arrivals::Together(Arrival::Spread(Arc::clone(&spread)));
             self.put_in_flight(OnItsWay { serial, what: what.clone(), receivers: due, at }, end);
         }
     }
@@ -372,7 +375,10 @@ impl SwarmNetwork {
             let delay_s = quality_of(to, &self.senders[nth(from)].particular, &self.everywhere).delay_s;
             let at = now.plus_seconds(delay_s + added_s);
             self.serial += 1;
-            self.put_in_flight(OnItsWay { serial: self.serial, what, receivers: only, at: Arrivals::Alike(at) }, at);
+            self.put_in_flight(
+                OnItsWay { serial: self.serial, what, receivers: only, at: Arrivals::Together(Arrival::Alike(at)) },
+                at,
+            );
         }
     }
 
@@ -414,7 +420,7 @@ impl SwarmNetwork {
         self.put_batch();
         let at = now.plus_seconds(self.everywhere.delay_s);
         let (serial, receivers) = (self.serial, receivers.without(special));
-        self.put_in_flight(OnItsWay { serial, what, receivers, at: Arrivals::Alike(at) }, at);
+        self.put_in_flight(OnItsWay { serial, what, receivers, at: Arrivals::Together(Arrival::Alike(at)) }, at);
     }
 
     fn send_order(&mut self, now: LocalTime, message: &PeerMessage, receivers: VehicleSet) {
@@ -484,10 +490,7 @@ impl SwarmNetwork {
                         receivers = receivers.without(twice);
                     }
                     match &message.at {
-                        Arrivals::Alike(at) => inbox.deliver_together(parcel, receivers, *at, serial),
-                        Arrivals::Spread(spread) => {
-                            inbox.deliver(parcel, receivers.iter().map(|id| (id, spread.at(id))), serial);
-                        }
+                        Arrivals::Together(arrival) => inbox.deliver_together(parcel, receivers, arrival, serial),
                         Arrivals::Each(each) if receivers == message.receivers => {
                             inbox.deliver(parcel, all.zip(each.iter().copied()), serial);
                         }

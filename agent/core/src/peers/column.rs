@@ -8,7 +8,7 @@ use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::MessageOrder;
 use skein_common::time::LocalTime;
 
-use super::index;
+use super::arrival::Arrival;
 
 /// The messages of one kind from one sender that may still be needed, and the newest one at each receiver.
 #[derive(Clone, Debug)]
@@ -17,10 +17,12 @@ pub(super) struct Column<M> {
     free: Vec<SlotIndex>,
     /// The newest message at each receiver.
     newest: Vec<Option<SlotIndex>>,
-    /// Its arrival at each receiver, by the receiver's clock; empty until any message has reached two receivers at different times.
+    /// Its arrival at each receiver, by the receiver's clock; empty while all arrivals of each message are in its slot.
     arrived_at: Vec<LocalTime>,
     /// The newest message that any receiver has received so far: its order, and its slot then.
     delivered: Option<(MessageOrder, SlotIndex)>,
+    /// The slot of the newest one before that.
+    before: Option<SlotIndex>,
 }
 
 /// The index of a slot. It is kept plus one, so that none takes no more room than one.
@@ -60,7 +62,7 @@ pub(super) enum ParcelKind {
 }
 
 /// A message with what the inbox knows of it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Slot<M> {
     pub(super) message: M,
     pub(super) order: MessageOrder,
@@ -69,21 +71,23 @@ pub(super) struct Slot<M> {
     pub(super) in_flight: u16,
     /// The length that all vehicles had travelled at most in the frame in which it was sent, m.
     pub(super) travelled_m: f64,
-    /// Its first arrival, by the receiver's clock.
-    arrived_at: Option<LocalTime>,
+    /// Its arrivals by the receivers' clocks, as of the first delivery.
+    arrival: Option<Arrival>,
 }
 
 impl<M> Slot<M> {
     /// A message that is sent now.
     pub(super) fn new(message: M, order: MessageOrder, sent_at: LocalTime, travelled_m: f64) -> Self {
-        Self { message, order, sent_at, in_flight: 0, travelled_m, arrived_at: None }
+        Self { message, order, sent_at, in_flight: 0, travelled_m, arrival: None }
     }
 }
 
-impl<M: Copy> Column<M> {
+impl<M: Clone> Column<M> {
     /// The column of a swarm with so many receivers, before any message.
     pub(super) fn new(count: usize) -> Self {
-        Self { slots: Vec::new(), free: Vec::new(), newest: vec![None; count], arrived_at: Vec::new(), delivered: None }
+        let newest = vec![None; count];
+        let (slots, free, arrived_at) = Default::default();
+        Self { slots, free, newest, arrived_at, delivered: None, before: None }
     }
 
     /// Puts a message into a slot.
@@ -109,7 +113,7 @@ impl<M: Copy> Column<M> {
         self.free.extend(unneeded.map(|(index, _)| SlotIndex::new(index)));
         const ROOM: usize = 3;
         let more = ROOM.saturating_sub(self.free.len());
-        if let (Some(&any), true) = (self.slots.last(), more > 0) {
+        if let (Some(any), true) = (self.slots.last().cloned(), more > 0) {
             let begin = self.slots.len();
             self.slots.reserve_exact(more);
             self.slots.resize(begin + more, any);
@@ -133,7 +137,8 @@ impl<M: Copy> Column<M> {
     #[inline]
     pub(super) fn newest(&self, receiver: usize) -> Option<(&Slot<M>, LocalTime)> {
         let slot = self.slot(self.newest_slot(receiver)?);
-        Some((slot, self.arrived_at.get(receiver).copied().or(slot.arrived_at)?))
+        let of_slot = || slot.arrival.as_ref().map(|arrival| arrival.at(receiver));
+        Some((slot, self.arrived_at.get(receiver).copied().or_else(of_slot)?))
     }
 
     /// The slot of the newest message at a receiver.
@@ -145,25 +150,33 @@ impl<M: Copy> Column<M> {
     /// Makes a message the newest one at a receiver.
     #[inline]
     pub(super) fn receive(&mut self, receiver: usize, slot: SlotIndex, at: LocalTime) {
-        self.note_arrival(slot, at);
+        if self.arrived_at.is_empty() {
+            let of_slot = self.slot_mut(slot).arrival.get_or_insert(Arrival::Alike(at));
+            if of_slot.at(receiver) != at {
+                self.keep_arrivals();
+            }
+        }
         self.newest[receiver] = Some(slot);
         if let Some(arrived_at) = self.arrived_at.get_mut(receiver) {
             *arrived_at = at;
         }
     }
 
-    /// Notes that a message arrives at this time. Over most networks it reaches all of its receivers at once, and lies here with
-    /// its arrival; the first one that does not makes the column keep the arrivals of each receiver from then on.
-    #[inline]
-    fn note_arrival(&mut self, slot: SlotIndex, at: LocalTime) {
-        if self.arrived_at.is_empty() && *self.slot_mut(slot).arrived_at.get_or_insert(at) != at {
+    /// Notes the arrivals of a message at receivers that get it now or later. Over most networks these are all of its arrivals, and
+    /// lie in its slot; the first message of which they are not makes the column keep the arrivals of each receiver from then on.
+    pub(super) fn note_arrival(&mut self, slot: SlotIndex, arrival: &Arrival) {
+        if self.arrived_at.is_empty() && !self.slot_mut(slot).arrival.get_or_insert_with(|| arrival.clone()).is(arrival)
+        {
             self.keep_arrivals();
         }
     }
 
     fn keep_arrivals(&mut self) {
-        let arrived_at = |slot: &Option<SlotIndex>| slot.and_then(|slot| self.slot(slot).arrived_at);
-        self.arrived_at = self.newest.iter().map(|slot| arrived_at(slot).unwrap_or_default()).collect();
+        let arrived_at = |(receiver, slot): (usize, &Option<SlotIndex>)| {
+            let arrival = slot.and_then(|slot| self.slot(slot).arrival.as_ref());
+            arrival.map_or(LocalTime::ZERO, |arrival| arrival.at(receiver))
+        };
+        self.arrived_at = self.newest.iter().enumerate().map(arrived_at).collect();
     }
 
     /// Forgets what a receiver has received.
@@ -171,19 +184,19 @@ impl<M: Copy> Column<M> {
         self.newest[receiver] = None;
     }
 
-    /// The slot of the newest message that any receiver has received so far.
-    pub(super) fn delivered(&self) -> Option<SlotIndex> {
-        self.delivered.map(|(_, slot)| slot)
+    /// The slot of the newest message but one that any receiver has received so far.
+    pub(super) fn before(&self) -> Option<SlotIndex> {
+        self.before
     }
 
-    /// Notes that a message reaches receivers. Returns whether it is newer than all that any of them has received.
+    /// Notes that a message reaches receivers. Returns whether none has received another one that is as new.
     pub(super) fn note_delivery(&mut self, slot: SlotIndex) -> bool {
         let order = self.slot(slot).order;
-        let is_newest = self.delivered.is_none_or(|(delivered, _)| delivered < order);
-        if is_newest {
-            self.delivered = Some((order, slot));
+        let is_newer = self.delivered.is_none_or(|(delivered, _)| delivered < order);
+        if is_newer {
+            self.before = self.delivered.replace((order, slot)).map(|(_, slot)| slot);
         }
-        is_newest
+        self.delivered == Some((order, slot))
     }
 
     /// The receivers at which another message than this one is the newest.
@@ -198,56 +211,66 @@ impl<M: Copy> Column<M> {
         with_others.filter_map(|receiver| VehicleId::new(receiver as u8 + 1).ok()).collect()
     }
 
-    /// Makes a message the newest one at all receivers but these.
-    pub(super) fn fill(&mut self, slot: SlotIndex, left_out: VehicleSet, at: LocalTime) {
-        self.note_arrival(slot, at);
-        let mut begin = 0;
-        for end in left_out.iter().map(index).chain([self.newest.len()]) {
-            self.newest[begin..end].fill(Some(slot));
-            if let Some(arrived_at) = self.arrived_at.get_mut(begin..end) {
-                arrived_at.fill(at);
-            }
-            begin = end + 1;
+    /// Makes a message the newest one at these receivers, whose arrivals have been noted.
+    pub(super) fn fill(&mut self, slot: SlotIndex, receivers: VehicleSet, arrival: &Arrival) {
+        for run in receivers.runs() {
+            self.newest[run.clone()].fill(Some(slot));
+            let arrived_at = self.arrived_at.get_mut(run.clone()).unwrap_or_default();
+            arrived_at.iter_mut().zip(run).for_each(|(at, receiver)| *at = arrival.at(receiver));
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use alloc::sync::Arc;
+
     use proptest::prelude::*;
     use skein_common::id::Incarnation;
 
+    use super::super::arrival::Spread;
+    use super::super::index;
     use super::*;
 
     fn message(number: u64) -> Slot<u64> {
         Slot::new(number, MessageOrder { incarnation: Incarnation(1), sequence: number }, LocalTime::ZERO, 0.0)
     }
 
-    fn at(number: u64) -> LocalTime {
-        LocalTime::from_nanoseconds(number)
+    /// An arrival of a message at each receiver, at once or by random delays.
+    fn arrival(number: u64, numbers: Option<Vec<u32>>) -> Arrival {
+        let sent_at = LocalTime::from_nanoseconds(1000 * number);
+        match numbers {
+            None => Arrival::Alike(sent_at),
+            Some(numbers) => Arrival::Spread(Arc::new(Spread { sent_at, delay_s: 0.0, jitter_s: 1e-6, numbers })),
+        }
     }
 
     proptest! {
         #[test]
         fn each_receiver_has_the_newest_message_and_its_arrival(
             count in 1_usize..=250,
-            messages in prop::collection::vec((any::<[u64; 4]>(), any::<bool>(), 0..10_u64), 1..20),
+            messages in prop::collection::vec((any::<[u64; 4]>(), any::<bool>(), 0..12_u64), 1..20),
+            numbers in prop::collection::vec(any::<u32>(), 250),
         ) {
             let receivers: VehicleSet = VehicleId::first(count).collect();
             let mut column = Column::new(count);
             let mut expected = vec![None; count];
-            for (number, (bits, reaches_most, late)) in (1..).zip(messages) {
+            for (number, (bits, reaches_most, kind)) in (1..).zip(messages) {
                 let drawn = receivers.iter().filter(|id| bits[index(*id) / 64] >> (index(*id) % 64) & 1 == 1).collect();
-                let left_out = if reaches_most { VehicleSet::default() } else { drawn };
+                let reached = if reaches_most { receivers } else { receivers.without(drawn) };
                 let slot = column.put(message(number));
-                prop_assert!(column.note_delivery(slot) && !column.note_delivery(slot));
-                let arrives = |receiver: usize| at(1000 * number + if late == 0 { receiver as u64 } else { 0 });
-                if late < 5 {
-                    receivers.without(left_out).iter().for_each(|id| column.receive(index(id), slot, arrives(index(id))));
+                prop_assert!(column.note_delivery(slot) && column.note_delivery(slot));
+                let arrival = arrival(number, (kind % 2 == 1).then(|| numbers.clone()));
+                // Some arrive later at one receiver, which no arrival of a delivery says.
+                let late = |receiver: usize| if kind == 0 && receiver == 7 { 1e-3 } else { 0.0 };
+                let arrives = |receiver: usize| arrival.at(receiver).plus_seconds(late(receiver));
+                if kind < 4 {
+                    reached.iter().for_each(|id| column.receive(index(id), slot, arrives(index(id))));
                 } else {
-                    column.fill(slot, left_out, arrives(0));
+                    column.note_arrival(slot, &arrival);
+                    column.fill(slot, reached, &arrival);
                 }
-                receivers.without(left_out).iter().for_each(|id| expected[index(id)] = Some((number, arrives(index(id)))));
+                reached.iter().for_each(|id| expected[index(id)] = Some((number, arrives(index(id)))));
 
                 let newest = |receiver| column.newest(receiver).map(|(slot, at)| (slot.message, at));
                 prop_assert_eq!((0..count).map(newest).collect::<Vec<_>>(), expected.clone());

@@ -16,6 +16,7 @@ use skein_common::id::{Incarnation, VehicleId, VehicleSet};
 use skein_common::message::{Header, Heartbeat, Order};
 use skein_common::time::{LocalTime, SenderStamp};
 
+use super::arrival::Arrival;
 use super::column::{Column, Parcel, ParcelKind, Slot, SlotIndex};
 use super::index;
 use super::message::ReceivedState;
@@ -156,39 +157,40 @@ impl FromSender {
         }
     }
 
-    /// Delivers a message by correct clocks to all receivers that need no more than their places in its column, except those that
-    /// are left out: most messages reach nearly all, and most receivers have the same message before. Returns the receivers that
-    /// have not got it, or `None` if that is all of them.
-    fn fill(&mut self, parcel: Parcel, left_out: VehicleSet, at: LocalTime, news: &mut AllNews) -> Option<VehicleSet> {
+    /// Delivers a message by correct clocks to those of these receivers that need no more than their places in its column: most
+    /// messages reach nearly all, and most receivers have the same message before. Returns the receivers that have not got it.
+    fn fill(&mut self, parcel: Parcel, receivers: VehicleSet, arrival: &Arrival, news: &mut AllNews) -> VehicleSet {
         let Parcel { sender, kind, slot } = parcel;
         if self.has_restarted {
-            return None;
+            return receivers;
         }
-        let mut apart = left_out;
         match kind {
             ParcelKind::State => {
-                self.states.note_delivery(slot).then_some(())?;
-                self.states.fill(slot, apart, at);
-                AllNews::note_all(&mut news.states, sender, apart);
+                if !self.states.note_delivery(slot) {
+                    return receivers;
+                }
+                self.states.fill(slot, receivers, arrival);
+                AllNews::note_all(&mut news.states, sender, receivers);
+                VehicleSet::default()
             }
             ParcelKind::Heartbeat => {
-                let before = self.heartbeats.delivered()?;
                 let is_newest = self.heartbeats.note_delivery(slot);
                 let SentHeartbeat { message, needs_all } = &self.heartbeats.slot(slot).message;
-                let repeats = matches!(
-                    self.after(Some(before), slot),
-                    After::Newer { has_gap: false, change: AgreementChange::Nothing, .. }
-                );
-                if !(is_newest && repeats) || *needs_all {
-                    return None;
+                let Some(before) = self.heartbeats.before().filter(|_| is_newest && !needs_all) else {
+                    return receivers;
+                };
+                let after = self.after(Some(before), slot);
+                if !matches!(after, After::Newer { has_gap: false, change: AgreementChange::Nothing, .. }) {
+                    return receivers;
                 }
+                let mut apart = self.heartbeats.with_others(before);
                 message.echo.iter().for_each(|echo| apart.insert(echo.of));
-                apart.extend(self.heartbeats.with_others(before));
-                self.heartbeats.fill(slot, apart, at);
-                AllNews::note_all(&mut news.heartbeats, sender, apart);
+                let alike = receivers.without(apart);
+                self.heartbeats.fill(slot, alike, arrival);
+                AllNews::note_all(&mut news.heartbeats, sender, alike);
+                receivers.both(apart)
             }
         }
-        Some(apart)
     }
 
     fn deliver_heartbeat(&mut self, parcel: Parcel, arrivals: impl Iterator<Item = Arriving>, news: &mut AllNews) {
@@ -389,14 +391,20 @@ impl SwarmInbox {
         }
     }
 
-    /// Delivers a message to receivers that it reaches at the same time, as [`Self::deliver`] does.
-    pub fn deliver_together(&mut self, parcel: Parcel, receivers: VehicleSet, at: LocalTime, serial: u64) {
-        let from = &mut self.senders[index(parcel.sender)];
-        let is_filled = self.clocks.is_empty() && 2 * receivers.len() > self.everyone.len();
-        let left_out = self.everyone.without(receivers);
-        let apart = is_filled.then(|| from.fill(parcel, left_out, at, &mut self.news)).flatten();
-        let rest = apart.map_or(receivers, |apart| receivers.both(apart));
-        self.deliver(parcel, rest.iter().map(|id| (id, at)), serial);
+    /// Delivers a message to receivers whose links differ in their random delays alone, as [`Self::deliver`] does.
+    pub fn deliver_together(&mut self, parcel: Parcel, receivers: VehicleSet, arrival: &Arrival, serial: u64) {
+        let mut rest = receivers;
+        if self.clocks.is_empty() {
+            let from = &mut self.senders[index(parcel.sender)];
+            match parcel.kind {
+                ParcelKind::State => from.states.note_arrival(parcel.slot, arrival),
+                ParcelKind::Heartbeat => from.heartbeats.note_arrival(parcel.slot, arrival),
+            }
+            if 4 * receivers.len() > self.everyone.len() {
+                rest = from.fill(parcel, receivers, arrival, &mut self.news);
+            }
+        }
+        self.deliver(parcel, rest.iter().map(|id| (id, arrival.at(index(id)))), serial);
     }
 
     /// The place of a message in a table of so many places for each vehicle: at one receiver, the order of arrival matters

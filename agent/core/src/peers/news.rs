@@ -7,7 +7,6 @@ use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::time::LocalTime;
 
 use super::column::Parcel;
-use super::index;
 use super::peer::AgreementChange;
 
 /// The correct time of an arrival, and the number of the delivery, which orders those of the same time.
@@ -86,13 +85,9 @@ impl AllNews {
         self.items.push(NewsItem { turn, receiver: nth as u8, item });
     }
 
-    /// Notes a sender in the sets of all receivers but these.
-    pub(super) fn note_all(sets: &mut [VehicleSet], sender: VehicleId, left_out: VehicleSet) {
-        let (mut begin, count) = (0, sets.len());
-        for end in left_out.iter().map(index).chain([count]) {
-            sets[begin..end].iter_mut().for_each(|senders| senders.insert(sender));
-            begin = end + 1;
-        }
+    /// Notes a sender in the sets of these receivers.
+    pub(super) fn note_all(sets: &mut [VehicleSet], sender: VehicleId, receivers: VehicleSet) {
+        receivers.runs().for_each(|run| sets[run].iter_mut().for_each(|senders| senders.insert(sender)));
     }
 
     /// Orders the items by receiver and arrival.

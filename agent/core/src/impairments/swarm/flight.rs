@@ -8,8 +8,8 @@ use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::message::Order;
 use skein_common::time::LocalTime;
 
-use crate::impairments::draw::share;
-use crate::peers::{Parcel, SwarmInbox};
+use super::nth;
+use crate::peers::{Arrival, Parcel, SwarmInbox};
 
 /// A message on its way to these receivers, of which it reaches each at its time.
 #[derive(Clone, Debug)]
@@ -30,69 +30,24 @@ pub(super) enum Content {
 
 #[derive(Clone, Debug)]
 pub(super) enum Arrivals {
-    Alike(LocalTime),
+    Together(Arrival),
     /// In the order of the receivers' ids.
     Each(Vec<LocalTime>),
-    Spread(Arc<Spread>),
-}
-
-/// The times at which a message reaches receivers that differ in its random delay alone.
-#[derive(Clone, Debug)]
-pub(super) struct Spread {
-    pub(super) sent_at: LocalTime,
-    pub(super) delay_s: f64,
-    pub(super) jitter_s: f64,
-    /// The random numbers of the delay, each at the place of its receiver's id.
-    pub(super) numbers: Vec<u32>,
-}
-
-impl Spread {
-    /// The time at which the message reaches a receiver with this random number: the larger the number, the later.
-    #[inline]
-    fn at_number(&self, number: u32) -> LocalTime {
-        self.sent_at.plus_seconds(self.delay_s + share(number) * self.jitter_s)
-    }
-
-    #[inline]
-    pub(super) fn at(&self, receiver: VehicleId) -> LocalTime {
-        self.at_number(self.numbers[usize::from(receiver.get())])
-    }
-
-    /// The earliest and the latest time at which it can reach a receiver.
-    pub(super) fn limits(&self) -> [LocalTime; 2] {
-        [0, u32::MAX].map(|number| self.at_number(number))
-    }
-
-    /// The least random number with which it reaches a receiver after this time, or 2³².
-    pub(super) fn numbers_until(&self, time: LocalTime) -> u64 {
-        let (mut least, mut most) = (0_u64, 1 << 32);
-        while least < most {
-            let middle = least.midpoint(most);
-            if self.at_number(middle as u32) <= time {
-                least = middle + 1;
-            } else {
-                most = middle;
-            }
-        }
-        least
-    }
 }
 
 impl OnItsWay {
     pub(super) fn at(&self, receiver: VehicleId) -> LocalTime {
         match &self.at {
-            Arrivals::Alike(at) => *at,
+            Arrivals::Together(arrival) => arrival.at(nth(receiver)),
             Arrivals::Each(all) => all[self.receivers.count_below(receiver)],
-            Arrivals::Spread(spread) => spread.at(receiver),
         }
     }
 
     /// A time by which it has reached all of its receivers.
     pub(super) fn last_at(&self) -> LocalTime {
         match &self.at {
-            Arrivals::Alike(at) => *at,
+            Arrivals::Together(arrival) => arrival.last_at(),
             Arrivals::Each(all) => all.iter().copied().max().unwrap_or(LocalTime::ZERO),
-            Arrivals::Spread(spread) => spread.limits()[1],
         }
     }
 
