@@ -232,21 +232,21 @@ fn a_late_joiner_receives_the_last_heartbeat_of_a_silent_peer() {
 fn malformed_and_forged_messages_are_counted_and_dropped() {
     let (swarm, hub, dial) = hub("dropped");
     let link = link(hub, 1, trust(&swarm));
-    let stranger = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
+    let intruder = open_zenoh(&swarm, &[], &dial, &[]).unwrap();
     let good = encode(&state(2, 1));
     until(
         &link,
-        || send(&stranger, "vehicle/2/cell/0/0/state", &good),
+        || send(&intruder, "vehicle/2/cell/0/0/state", &good),
         |received| message(received, |message| matches!(message, PeerMessage::State(_))),
     );
     let before = link.drops();
 
-    send(&stranger, "vehicle/3/cell/0/0/state", &good);
-    send(&stranger, "vehicle/0/cell/0/0/state", &good);
-    send(&stranger, "vehicle/2/mission", &[&[VERSION], &b"garbage"[..]].concat());
-    send(&stranger, "vehicle/2/mission", b"");
-    send(&stranger, "vehicle/2/cell/0/0/state", &good[..good.len() - 1]);
-    send(&stranger, "order/1", &[VERSION + 1, 1, 1, 0]);
+    send(&intruder, "vehicle/3/cell/0/0/state", &good);
+    send(&intruder, "vehicle/0/cell/0/0/state", &good);
+    send(&intruder, "vehicle/2/mission", &[&[VERSION], &b"garbage"[..]].concat());
+    send(&intruder, "vehicle/2/mission", b"");
+    send(&intruder, "vehicle/2/cell/0/0/state", &good[..good.len() - 1]);
+    send(&intruder, "order/1", &[VERSION + 1, 1, 1, 0]);
     // Of the states that were sent until one came, others may come later, and are old.
     let expected = Drops { undecodable: 3, other_version: 1, forged: 2, ..before };
     let deadline = now() + TIMEOUT;

@@ -173,7 +173,7 @@ impl Meddler {
 }
 
 /// A Zenoh client outside the swarm that has a link to the agent.
-struct Stranger {
+struct Outsider {
     session: zenoh::Session,
     rng: ChaCha8Rng,
     sequence: u64,
@@ -181,7 +181,7 @@ struct Stranger {
     expected: Drops,
 }
 
-impl Stranger {
+impl Outsider {
     /// Opens a Zenoh session that waits for the agent instead of dropping messages.
     fn dial(swarm: &SwarmName, locator: &str) -> Self {
         let mut configuration = zenoh::Config::default();
@@ -324,9 +324,9 @@ fn garbage_on_every_port_is_counted_and_never_believed() {
         move || run::fly(&node, sessions, &stop, &handle)
     });
 
-    let mut stranger = Stranger::dial(&swarm, &locator);
-    let healths = stranger.session.declare_subscriber(all::HEALTH).with(FifoChannel::new(256)).wait().unwrap();
-    let traces = stranger.session.declare_subscriber(all::TRACES).with(FifoChannel::new(4096)).wait().unwrap();
+    let mut outsider = Outsider::dial(&swarm, &locator);
+    let healths = outsider.session.declare_subscriber(all::HEALTH).with(FifoChannel::new(256)).wait().unwrap();
+    let traces = outsider.session.declare_subscriber(all::TRACES).with(FifoChannel::new(4096)).wait().unwrap();
     // Zenoh drops messages sent before the agent's subscriptions are known here: they would be missing in the agent's
     // counts.
     while healths.recv_timeout(Duration::from_secs(10)).unwrap().is_none() {}
@@ -342,9 +342,9 @@ fn garbage_on_every_port_is_counted_and_never_believed() {
         assert!(!flight.is_finished(), "the agent has ended");
         let is_over = Instant::now() >= meddled;
         if !is_over {
-            stranger.meddle();
+            outsider.meddle();
             if let Ok(mut raw) = TcpStream::connect(port) {
-                let _ = raw.write_all(&noise(&mut stranger.rng, 4096));
+                let _ = raw.write_all(&noise(&mut outsider.rng, 4096));
             }
             controls_under_garbage = seen.controls.load(Relaxed);
         }
@@ -359,7 +359,7 @@ fn garbage_on_every_port_is_counted_and_never_believed() {
                 activities.push(trace.activity);
             }
         }
-        let is_counted = is_over && counted(&drops) == stranger.expected;
+        let is_counted = is_over && counted(&drops) == outsider.expected;
         if is_counted && seen.controls.load(Relaxed) > controls_under_garbage + 500 || Instant::now() > timeout {
             break;
         }
@@ -372,7 +372,7 @@ fn garbage_on_every_port_is_counted_and_never_believed() {
     edges.into_iter().for_each(|edge| edge.join().unwrap());
 
     println!("{drops:?} of {garbage} datagrams, {activities:?}, highest {highest_m:.1} m, {controls} controls");
-    assert_eq!(counted(&drops), stranger.expected, "each message is counted once, for what is wrong with it");
+    assert_eq!(counted(&drops), outsider.expected, "each message is counted once, for what is wrong with it");
     let plant = drops.plant_malformed + drops.plant_foreign;
     assert!(plant <= garbage, "nothing of the simulator's own is refused: {plant} of {garbage}");
     // What a full queue lost on its way, and what one frame's positions left of each other, is not counted.
@@ -380,5 +380,5 @@ fn garbage_on_every_port_is_counted_and_never_believed() {
     assert!(controls_under_garbage > 1000 && controls > controls_under_garbage + 500, "{controls}: it flies on");
     assert!((7.0..11.0).contains(&highest_m), "climbs as it does undisturbed: {highest_m}");
     assert!((6.0..11.0).contains(&height_m), "and stays there: {height_m}");
-    assert!(!activities.contains(&Activity::Landing), "a stranger's plan orders nothing: {activities:?}");
+    assert!(!activities.contains(&Activity::Landing), "another plan orders nothing: {activities:?}");
 }

@@ -40,7 +40,7 @@ pub enum VerificationError {
     OtherName,
     /// The vehicle does not belong to the swarm.
     #[error("sent by a vehicle that is not in this swarm")]
-    Stranger,
+    UnknownVehicle,
     /// The signature is missing or wrong.
     #[error("without a valid signature of its vehicle")]
     NoSeal,
@@ -53,7 +53,7 @@ impl VerificationError {
             Self::Undecodable(DecodeError::Version(_)) => Reason::OtherVersion,
             Self::Undecodable(_) => Reason::Undecodable,
             Self::OtherName | Self::NoSeal => Reason::Forged,
-            Self::Stranger => Reason::UnknownVehicle,
+            Self::UnknownVehicle => Reason::UnknownVehicle,
         }
     }
 }
@@ -85,7 +85,9 @@ impl KeyRing {
     pub fn read<M: Message>(&self, key: &str, bytes: &[u8]) -> Result<Verified<M>, VerificationError> {
         let (branch, topic) = Branch::parse(key).ok_or(VerificationError::OtherName)?;
         let keys = match (&self.keys, topic.author()) {
-            (Some(keys), Author::Vehicle(id)) => Some(keys.get(&branch.name(id)).ok_or(VerificationError::Stranger)?),
+            (Some(keys), Author::Vehicle(id)) => {
+                Some(keys.get(&branch.name(id)).ok_or(VerificationError::UnknownVehicle)?)
+            }
             _ => None,
         };
         let Some(known_by) = keys else {
@@ -170,7 +172,7 @@ mod tests {
         }
         assert_eq!(read(&lab, "vehicle/2/event", &bytes), Err(VerificationError::OtherName));
         assert_eq!(read(&lab, "order/1", &bytes).unwrap_err().reason(), Reason::Undecodable);
-        assert_eq!(read(&lab, "vehicle/3/event", &bytes), Err(VerificationError::Stranger));
+        assert_eq!(read(&lab, "vehicle/3/event", &bytes), Err(VerificationError::UnknownVehicle));
         assert_eq!(read(&lab, "somewhere/else", &bytes), Err(VerificationError::OtherName));
     }
 

@@ -69,7 +69,7 @@ pub(super) fn print() {
         sleep(MEASURED);
         let row = Row::of(&flight.lab, &sky, from_s);
         let back_s = flight.restart(&sky, restarted);
-        flight.lab.stranger().processes(&["attacker"]).into_iter().for_each(kill);
+        flight.lab.intruder().processes(&["attacker"]).into_iter().for_each(kill);
         // `nsenter` stops with a program that stops.
         let _ = attacker.kill();
         let done = attacker.wait_with_output().map(|ended| String::from_utf8_lossy(&ended.stdout).into_owned());
@@ -143,7 +143,7 @@ fn memory_mb(lab: &Lab) -> f64 {
 
 /// Puts the files of all nodes' observers onto the attacker's PC.
 fn steal(lab: &Lab) {
-    let (from, to) = (lab.operator().path("/root/lab"), lab.stranger().path(FILES));
+    let (from, to) = (lab.operator().path("/root/lab"), lab.intruder().path(FILES));
     fs::create_dir_all(to.join("keys")).unwrap();
     let mut files = vec!["cluster.toml".to_owned(), "ring.toml".to_owned()];
     let observers = (1..=HOSTS).map(|id| format!("observer-{id}")).chain(["observer".to_owned()]);
@@ -152,14 +152,14 @@ fn steal(lab: &Lab) {
     for file in files {
         fs::copy(from.join(&file), to.join(&file)).unwrap();
     }
-    lab.stranger().put_program(&std::env::current_exe().unwrap(), "/opt/attacker");
+    lab.intruder().put_program(&std::env::current_exe().unwrap(), "/opt/attacker");
 }
 
 /// Starts this attack on the attacker's PC. With `SKEIN_ATTACKER_CPU` the attacker has this processor: on a PC of its own it would
 /// take nothing from the hosts, which the test then runs on another (`taskset -c 0`).
 fn start(lab: &Lab, name: &str) -> Child {
     let own = std::env::var("SKEIN_ATTACKER_CPU").ok();
-    let mut command = lab.stranger().command(if own.is_some() { "taskset" } else { "env" });
+    let mut command = lab.intruder().command(if own.is_some() { "taskset" } else { "env" });
     command.args(own.iter().flat_map(|cpu| ["-c", cpu, "env"]));
     command.arg(format!("{ATTACK_VARIABLE}={name}")).arg("/opt/attacker").args([
         "--exact",

@@ -64,10 +64,10 @@ pub(super) fn are_found() {
     lab.cut(2, true);
     let known = lab.operator().path("/root/.ssh/known_hosts");
     let own = lab.host(3).known_host();
-    let stranger = known.with_file_name("stranger");
-    keygen(&stranger);
-    let stranger = format!("{} {}", lab.host(3).address, fs::read_to_string(stranger.with_extension("pub")).unwrap());
-    fs::write(&known, fs::read_to_string(&known).unwrap().replace(&own, &stranger)).unwrap();
+    let other = known.with_file_name("other");
+    keygen(&other);
+    let other = format!("{} {}", lab.host(3).address, fs::read_to_string(other.with_extension("pub")).unwrap());
+    fs::write(&known, fs::read_to_string(&known).unwrap().replace(&own, &other)).unwrap();
     let rules = "add table inet lab; add chain inet lab in { type filter hook input priority 0; }; \
                  add rule inet lab in tcp dport 7450 drop";
     lab.host(4).sh(&format!("nft '{rules}'")).succeeded();

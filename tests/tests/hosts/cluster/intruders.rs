@@ -52,7 +52,7 @@ const FILES_VARIABLE: &str = "SKEIN_INTRUDER";
 /// Puts the files of each intruder onto the intruders' PC.
 pub(super) fn equip(lab: &Lab) {
     let keys = lab.operator().path("/root/lab/keys");
-    lab.stranger().put_program(&std::env::current_exe().unwrap(), "/opt/intruder");
+    lab.intruder().put_program(&std::env::current_exe().unwrap(), "/opt/intruder");
     lab.operator().sh("mkdir other && cp lab/*.toml other").succeeded();
     lab.skein("cluster keys -f other/cluster.toml", 30).succeeded();
     let others = lab.operator().path("/root/other/keys");
@@ -61,7 +61,7 @@ pub(super) fn equip(lab: &Lab) {
     let Security::Tls(tls) = reach.security else { panic!("the swarm is secured") };
     let known = serde_json::to_string(&tls.vehicles.values().collect::<Vec<_>>()).unwrap();
     let folder = |who: &str| {
-        let folder = lab.stranger().path("/root").join(who);
+        let folder = lab.intruder().path("/root").join(who);
         fs::create_dir_all(&folder).unwrap();
         fs::copy(keys.join("authority.pem"), folder.join("authority.pem")).unwrap();
         fs::write(folder.join("known.json"), &known).unwrap();
@@ -104,7 +104,7 @@ pub(super) struct Outcome {
 /// Starts all these intruders at once and waits for their results.
 pub(super) fn start(lab: &Lab, who: &[&str]) -> Vec<Outcome> {
     let start = |who: &&str| -> Child {
-        let mut command = lab.stranger().command("env");
+        let mut command = lab.intruder().command("env");
         command.arg(format!("{FILES_VARIABLE}={who}")).arg("/opt/intruder").args([
             "--exact",
             "cluster::intruder",

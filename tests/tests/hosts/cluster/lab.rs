@@ -5,7 +5,7 @@
 //!   pc8, pc9            10.79.0.208, 10.79.0.209  only such a stand-in: vehicles 8 and 9 are flown from heli8
 //!   operator            10.79.0.100               with an ssh key, the hosts' keys, and the program
 //!   eye                 10.79.0.200               runs the observer
-//!   stranger            10.79.0.201               runs the intruders
+//!   intruder            10.79.0.201               runs the intruders
 //! ```
 
 use std::fmt::Write;
@@ -31,7 +31,7 @@ const OPERATOR: &str = "operator";
 const OPERATOR_ADDRESS: &str = "10.79.0.100";
 /// Other PCs on the bridge, without sshd.
 const OTHERS: [(&str, &str); 4] =
-    [("eye", "10.79.0.200"), ("stranger", "10.79.0.201"), ("pc8", "10.79.0.208"), ("pc9", "10.79.0.209")];
+    [("eye", "10.79.0.200"), ("intruder", "10.79.0.201"), ("pc8", "10.79.0.208"), ("pc9", "10.79.0.209")];
 /// The bridge's namespace.
 const BRIDGE: &str = "switch";
 /// Beginning of the names of these tests' folders; the process id of the test follows.
@@ -126,7 +126,7 @@ impl Lab {
     }
 
     /// The PC of the intruders.
-    pub(super) fn stranger(&self) -> &Host {
+    pub(super) fn intruder(&self) -> &Host {
         &self.others[1]
     }
 
