@@ -129,6 +129,20 @@ fn pause() {
     sleep_until(now() + Duration::from_millis(2));
 }
 
+/// The time at which a query is due again. On a busy computer queries without such pauses would queue for longer than they wait for
+/// a reply, and none would be answered.
+struct QueryDue(Instant);
+
+impl QueryDue {
+    fn is_now(&mut self) -> bool {
+        let is_now = now() >= self.0;
+        if is_now {
+            self.0 = now() + Duration::from_millis(100);
+        }
+        is_now
+    }
+}
+
 fn message(received: &[Received], wanted: impl Fn(&PeerMessage) -> bool) -> Option<Received> {
     received.iter().copied().find(|received| wanted(&received.message))
 }

@@ -54,9 +54,12 @@ fn measure(
     let subscriber = listener.declare_subscriber(Topic::Health(id(own)).key()).wait().unwrap();
     let deadline = now() + TIMEOUT;
     let mut last = None;
+    let mut query_due = QueryDue(now());
     for sequence in 1.. {
         publisher.publish(health(own, sequence, peers));
-        publisher.query_next_clock();
+        if query_due.is_now() {
+            publisher.query_next_clock();
+        }
         pause();
         while let Some(sample) = subscriber.try_recv().unwrap() {
             let report = decode::<Health>(&sample.payload().to_bytes()).unwrap();
@@ -81,13 +84,15 @@ fn clocks_are_measured_within_their_bounds_and_a_wrong_one_is_detected() {
     let mut asking = one.health(utc_nanoseconds).unwrap();
     let _right = two.health(utc_nanoseconds).unwrap();
     let _wrong = three.health(fast).unwrap();
-    let report =
-        measure(&mut asking, &listener, 1, &[2, 3], |report| report.peers.iter().all(|peer| peer.clock.is_some()));
+    // On a busy computer a single exchange may tell little.
+    let report = measure(&mut asking, &listener, 1, &[2, 3], |report| {
+        report.peers.iter().all(|peer| peer.clock.is_some_and(|clock| clock.bound_s < 0.1))
+    });
     let [right, wrong] = [0, 1].map(|nth| report.peers[nth].clock.unwrap());
     println!("{right:?}, {wrong:?}");
     assert!(right.offset_s.abs() <= right.bound_s, "{right:?}");
     assert!((wrong.offset_s - 0.25).abs() <= wrong.bound_s, "{wrong:?}");
-    assert!([right, wrong].iter().all(|clock| (0.0..0.1).contains(&clock.bound_s)));
+    assert!([right, wrong].iter().all(|clock| clock.bound_s >= 0.0));
 }
 
 #[test]
