@@ -68,10 +68,10 @@ export async function readMap(page, id) {
   await page.keyboard.press("Escape");
   await rowOf(page, id).click();
   for (let at = 0; at < 8; at += 1) await page.keyboard.press("+");
-  await page.keyboard.press("c");
   const box = await page.locator("#map").boundingBox();
   // On a busy PC the map may not be drawn anew yet.
   const { found: tip } = await until(`vehicle ${id} in the middle of the map`, async () => {
+    await page.keyboard.press("c");
     await page.mouse.move(box.x + box.width / 2 - 1, box.y + box.height / 2);
     await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
     const tip = await textOf(page, "#tip");
