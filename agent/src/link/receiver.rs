@@ -68,13 +68,7 @@ impl LinkReceiver {
         }
     }
 
-    pub(super) fn receive_as<M: Message>(
-        &self,
-        key: &str,
-        bytes: &[u8],
-        at: LocalTime,
-        message: impl Fn(M) -> PeerMessage,
-    ) {
+    fn receive_as<M: Message>(&self, key: &str, bytes: &[u8], at: LocalTime, message: impl Fn(M) -> PeerMessage) {
         let sender = match self.branch.own(key).map(|topic| topic.author()) {
             Some(Author::Vehicle(id)) => Some(self.branch.name(id)),
             _ => None,
@@ -116,7 +110,7 @@ impl LinkReceiver {
     }
 
     /// Takes a change of the vehicles that are up.
-    pub(super) fn presence_changed(&self, change: Change, at: LocalTime) {
+    fn presence_changed(&self, change: Change, at: LocalTime) {
         let (id, message) = match change {
             Change::Appeared(id) => (id, PeerMessage::Appeared(id)),
             Change::Vanished(id) => (id, PeerMessage::Vanished(id)),

@@ -297,11 +297,7 @@ impl SwarmNetwork {
             let numbers = self.numbers.column(Draw::Jitter).to_vec();
             self.put_spread((serial, &what), through, Spread { sent_at: now, delay_s, jitter_s, numbers });
         } else {
-            let at = now.plus_seconds(delay_s);
-            self.put_in_flight(
-                OnItsWay { serial, what, receivers: through, at: Arrivals::Together(Arrival::Alike(at)) },
-                at,
-            );
+            self.put_alike((serial, what), through, now.plus_seconds(delay_s));
         }
     }
 
@@ -375,10 +371,7 @@ impl SwarmNetwork {
             let delay_s = quality_of(to, &self.senders[nth(from)].particular, &self.everywhere).delay_s;
             let at = now.plus_seconds(delay_s + added_s);
             self.serial += 1;
-            self.put_in_flight(
-                OnItsWay { serial: self.serial, what, receivers: only, at: Arrivals::Together(Arrival::Alike(at)) },
-                at,
-            );
+            self.put_alike((self.serial, what), only, at);
         }
     }
 
@@ -419,8 +412,7 @@ impl SwarmNetwork {
         }
         self.put_batch();
         let at = now.plus_seconds(self.everywhere.delay_s);
-        let (serial, receivers) = (self.serial, receivers.without(special));
-        self.put_in_flight(OnItsWay { serial, what, receivers, at: Arrivals::Together(Arrival::Alike(at)) }, at);
+        self.put_alike((self.serial, what), receivers.without(special), at);
     }
 
     fn send_order(&mut self, now: LocalTime, message: &PeerMessage, receivers: VehicleSet) {
@@ -445,6 +437,11 @@ impl SwarmNetwork {
     /// The frame in which a message that arrives at this time is due, counted from the next one.
     fn frame_of(&self, at: LocalTime) -> usize {
         (at.nanoseconds().div_ceil(self.frame_ns)).saturating_sub(self.next_frame) as usize
+    }
+
+    /// Puts a message in flight that reaches all of these receivers at this time.
+    fn put_alike(&mut self, (serial, what): (u64, Content), receivers: VehicleSet, at: LocalTime) {
+        self.put_in_flight(OnItsWay { serial, what, receivers, at: Arrivals::Together(Arrival::Alike(at)) }, at);
     }
 
     /// Puts a message in flight that is due at this time.

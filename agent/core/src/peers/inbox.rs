@@ -400,6 +400,7 @@ impl SwarmInbox {
                 ParcelKind::State => from.states.note_arrival(parcel.slot, arrival),
                 ParcelKind::Heartbeat => from.heartbeats.note_arrival(parcel.slot, arrival),
             }
+            // With jitter a message reaches only a part of its receivers in each frame.
             if 4 * receivers.len() > self.everyone.len() {
                 rest = from.fill(parcel, receivers, arrival, &mut self.news);
             }
