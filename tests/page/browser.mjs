@@ -70,16 +70,15 @@ export async function readMap(page, id) {
   for (let at = 0; at < 8; at += 1) await page.keyboard.press("+");
   const box = await page.locator("#map").boundingBox();
   // On a busy PC the map may not be drawn anew yet.
-  const { found: tip } = await until(`vehicle ${id} in the middle of the map`, async () => {
+  await until(`vehicle ${id} in the middle of the map`, async () => {
     await page.keyboard.press("c");
     await page.mouse.move(box.x + box.width / 2 - 1, box.y + box.height / 2);
     await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
-    const tip = await textOf(page, "#tip");
-    return tip.startsWith(`vehicle ${id} `) && tip;
+    return (await textOf(page, "#tip")).startsWith(`vehicle ${id} `);
   });
   const text = (await textOf(page, "#cursor")).replaceAll("−", "-");
   const [, north, east] = /N (-?[\d.]+)\s+E (-?[\d.]+)/.exec(text);
-  return { place: [Number(north), Number(east)], tip };
+  return [Number(north), Number(east)];
 }
 
 /** Number of pixels of a canvas near a colour of the style sheet. */

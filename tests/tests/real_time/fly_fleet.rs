@@ -162,9 +162,9 @@ fn two_teams_fly_through_each_other_and_land() {
     for team in TeamId::first(2) {
         let its: Vec<_> = places.iter().filter(|places| places.team == team).collect();
         assert!(its.len() > 10 && its.iter().filter(|places| places.vehicles.len() == 2).count() > 10, "{its:?}");
-        // On a busy PC one may come late, and the next one in time.
-        let seconds = its[its.len() - 1].t_s - its[0].t_s;
-        assert!((its.len() as f64 - 1.0 - seconds).abs() < 2.0, "once a second: {its:?}");
+        // None is early. One that a busy PC makes late is made up for.
+        assert!(its.iter().enumerate().all(|(nth, places)| places.t_s >= nth as f64), "at most once a second: {its:?}");
+        assert!(its.len() as f64 > its[its.len() - 1].t_s - 1.0, "once a second: {its:?}");
     }
     let traffic = read_traffic(&out.join(TRAFFIC_FILE)).unwrap();
     let names: Vec<_> = traffic.iter().map(|row| row.vehicle.as_str()).collect();
