@@ -249,4 +249,4 @@ fn watch_matching(publisher: &Publisher<'static>) -> Result<Arc<AtomicBool>, Lin
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -13,11 +13,11 @@ use skein_common::topic::{Topic, all};
 use tokio::runtime::Runtime;
 use zenoh::Session;
 use zenoh::Wait;
-use zenoh::handlers::FifoChannel;
 
 use super::*;
 use crate::link::signature::orders::sign;
 use crate::link::signature::tests::signing_key;
+use crate::link::tests::samples;
 use crate::link::{self, Security};
 use crate::plant::PlantChoice;
 use skein_core::aircraft::Aircraft;
@@ -93,8 +93,8 @@ fn hub(test: &str) -> (SwarmName, Session, Vec<String>) {
 
 /// Returns a function that gives the new messages of one kind.
 fn listen<M: Message>(observer: &Session, key: &'static str) -> impl FnMut() -> Vec<M> + use<M> {
-    let subscriber = observer.declare_subscriber(key).with(FifoChannel::new(4096)).wait().unwrap();
-    move || subscriber.drain().map(|sample| decode(&sample.payload().to_bytes()).unwrap()).collect()
+    let mut samples = samples(observer, key);
+    move || samples().iter().map(|sample| decode(&sample.payload().to_bytes()).unwrap()).collect()
 }
 
 #[test]

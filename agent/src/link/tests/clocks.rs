@@ -51,7 +51,7 @@ fn measure(
     peers: &[u8],
     wanted: fn(&Health) -> bool,
 ) -> Health {
-    let subscriber = listener.declare_subscriber(Topic::Health(id(own)).key()).wait().unwrap();
+    let mut received = samples(listener, &Topic::Health(id(own)).key());
     let deadline = now() + TIMEOUT;
     let mut last = None;
     let mut query_due = QueryDue(now());
@@ -61,7 +61,7 @@ fn measure(
             publisher.query_next_clock();
         }
         pause();
-        while let Some(sample) = subscriber.try_recv().unwrap() {
+        for sample in received() {
             let report = decode::<Health>(&sample.payload().to_bytes()).unwrap();
             if wanted(&report) {
                 return report;

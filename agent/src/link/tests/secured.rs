@@ -12,6 +12,7 @@ use std::io::Read;
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::AtomicUsize;
 
+use parking_lot::ReentrantMutex;
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, PKCS_ED25519,
     date_time_ymd,
@@ -38,6 +39,10 @@ const RUN: u64 = 7;
 const ABSENT: u8 = 7;
 /// Number of message exchanges between the honest vehicles during an attack.
 const ROUNDS: u64 = 60;
+
+/// Held by the test whose swarm is under attack: several attacks at once would use up the threads on which Zenoh receives, which all
+/// tests of a process share.
+static UNDER_ATTACK: ReentrantMutex<()> = ReentrantMutex::new(());
 
 /// Certificate authority of a swarm.
 struct Authority {
@@ -197,6 +202,7 @@ impl Swarm {
 
     /// Lets the two exchange messages during an attack, and checks that no forged message is accepted.
     fn withstand(&mut self, mut attack: impl FnMut()) {
+        let _one_at_a_time = UNDER_ATTACK.lock();
         let received = self.exchange(ROUNDS, &mut attack);
         assert_eq!(received.iter().find(|received| is_forged(&received.message)), None);
         for vehicle in [1, 2] {
@@ -221,6 +227,7 @@ impl Swarm {
 
     /// Checks that no forged message is accepted, and that of all that is sent both vehicles receive and refuse the orders alone.
     fn refuse_orders_alone(&mut self, mut attack: impl FnMut()) {
+        let _one_at_a_time = UNDER_ATTACK.lock();
         let deadline = now() + TIMEOUT;
         while [&self.one, &self.two].iter().any(|link| link.drops().unsigned < 20) {
             assert!(now() < deadline, "{:?}, {:?}", self.one.drops(), self.two.drops());
@@ -234,6 +241,7 @@ impl Swarm {
 
     /// Checks that no forged message is accepted, and that both vehicles count the forged ones.
     fn refuse(&mut self, mut attack: impl FnMut()) {
+        let _one_at_a_time = UNDER_ATTACK.lock();
         let deadline = now() + TIMEOUT;
         while [&self.one, &self.two].iter().any(|link| link.drops().forged < 20) {
             assert!(now() < deadline, "{:?}, {:?}", self.one.drops(), self.two.drops());

@@ -209,8 +209,8 @@ fn links_that_come_and_go_do_not_disturb_the_swarm() {
                 let _gone = Gone(still_come);
                 for _ in 0..VISITS {
                     let sessions = Sessions::open(name, &[], endpoints, observer).unwrap();
-                    let received = sessions.first().declare_subscriber(all::STATES).wait().unwrap();
-                    wait_until(|| received.drain().count() > 0);
+                    let mut received = samples(sessions.first(), all::STATES);
+                    wait_until(|| !received().is_empty());
                     drop(received);
                     sessions.close(());
                 }

@@ -1,7 +1,5 @@
 //! The messages of a node with a link that are accepted.
 
-use zenoh::handlers::FifoChannel;
-
 use super::*;
 
 /// The other tests rely on this: without signatures every forged message is accepted.
@@ -39,10 +37,8 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
     let observer = swarm.guest(swarm.authority.tls("observer"));
     let operator = swarm.guest(swarm.authority.tls("operator"));
     let observer = observer.first();
-    let subscriber = |key| observer.declare_subscriber(key).with(FifoChannel::new(4096)).wait().unwrap();
-    let (states, missions, events, traces) =
-        (subscriber(all::STATES), subscriber(all::MISSIONS), subscriber(all::EVENTS), subscriber(all::TRACES));
-    let healths = subscriber(all::HEALTH);
+    let mut kinds = [all::STATES, all::MISSIONS, all::EVENTS, all::HEALTH].map(|key| samples(observer, key));
+    let mut traces = samples(observer, all::TRACES);
     let tokens = observer.liveliness().declare_subscriber(all::ALIVE).history(true).wait().unwrap();
     wait_until(|| swarm.one.trace_is_wanted() && swarm.two.trace_is_wanted());
     let mut publishers = [&swarm.one, &swarm.two].map(|link| link.health(|| 0).unwrap());
@@ -59,11 +55,11 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
             publisher.put(b"health").wait().unwrap();
         }
         there.extend(tokens.drain().map(|token| token.key_expr().as_str().to_owned()));
-        for (received_kinds, lines) in received_kinds.iter_mut().zip([&states, &missions, &events, &healths]) {
-            *received_kinds |= lines.drain().count() > 0;
+        for (is_received, new) in received_kinds.iter_mut().zip(&mut kinds) {
+            *is_received |= !new().is_empty();
         }
     }
-    assert_eq!(traces.drain().count(), 0, "no vehicle has published a trace");
+    assert_eq!(traces().len(), 0, "no vehicle has published a trace");
 
     // A late observer queries for heartbeats.
     let answers = observer.get("vehicle/*/mission").timeout(TIMEOUT).wait().unwrap();
@@ -99,9 +95,11 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
 fn a_late_vehicle_receives_the_heartbeats_of_its_peers() {
     let swarm = Swarm::begin("late-secured");
     swarm.one.publish_mission(&mission(1, 5));
-    let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
-    let late = Link::new(swarm.guest(swarm.authority.tls("vehicle-3.2")), id(3), LocalClock::start(), trust).unwrap();
-    until(&late, || {}, |received| message(received, |message| *message == PeerMessage::Mission(mission(1, 5))));
+    let _late = first_to_receive(PeerMessage::Mission(mission(1, 5)), || {
+        let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
+        let sessions = swarm.guest(swarm.authority.tls("vehicle-3.2"));
+        Link::new(sessions, id(3), LocalClock::start(), trust).unwrap()
+    });
     until(&swarm.two, || {}, |received| message(received, |message| *message == PeerMessage::Appeared(id(3))));
 }
 
@@ -194,8 +192,7 @@ fn observers_and_operators_cannot_send_for_a_vehicle() {
 fn guests_are_linked_to_the_feed_and_receive_what_the_vehicles_publish() {
     let mut swarm = Swarm::begin("feed");
     let guests: Vec<_> = ["observer", "operator"].map(|who| swarm.guest(swarm.authority.tls(who))).into();
-    let received = guests.iter().map(|guest| guest.first().declare_subscriber("vehicle/**").wait().unwrap());
-    let received: Vec<_> = received.collect();
+    let mut received: Vec<_> = guests.iter().map(|guest| samples(guest.first(), "vehicle/**")).collect();
     let mut kinds = vec![BTreeSet::new(); guests.len()];
     let deadline = now() + TIMEOUT;
     let expected: BTreeSet<String> =
@@ -205,9 +202,8 @@ fn guests_are_linked_to_the_feed_and_receive_what_the_vehicles_publish() {
         swarm.exchange(1, || {});
         swarm.one.publish_mission(&mission(1, swarm.sequence));
         swarm.two.publish_mission(&mission(2, swarm.sequence));
-        for (kinds, received) in kinds.iter_mut().zip(&received) {
-            let keys = received.drain().map(|sample| sample.key_expr().as_str().replace("cell/0/0/", ""));
-            kinds.extend(keys);
+        for (kinds, received) in kinds.iter_mut().zip(&mut received) {
+            kinds.extend(received().iter().map(|sample| sample.key_expr().as_str().replace("cell/0/0/", "")));
         }
     }
     for link in [&swarm.one, &swarm.two] {
@@ -237,7 +233,7 @@ fn a_guest_that_declares_without_end_loses_its_link_and_delays_no_vehicle() {
             let mut subscribers = Vec::new();
             while !is_over.load(Relaxed) {
                 let key = format!("nothing/{}", subscribers.len());
-                subscribers.push(intruder.first().declare_subscriber(key).with(FifoChannel::new(1)).wait().unwrap());
+                subscribers.push(intruder.first().declare_subscriber(key).callback(|_| {}).wait().unwrap());
             }
         });
         let mut keep = [true; 2];
@@ -258,15 +254,14 @@ fn a_guest_that_declares_without_end_loses_its_link_and_delays_no_vehicle() {
 fn replayed_messages_are_refused_once_their_sender_has_gone() {
     let swarm = Swarm::begin("replay");
     let intruder = swarm.guest(swarm.authority.tls("vehicle-3.2"));
-    let kept = intruder.first().declare_subscriber("vehicle/1/**").wait().unwrap();
+    let mut kept = samples(intruder.first(), "vehicle/1/**");
     let deadline = now() + TIMEOUT;
     let mut messages = Vec::new();
     while messages.len() < 2 {
         assert!(now() < deadline);
         swarm.one.publish_mission(&mission(1, 1));
-        messages.extend(
-            kept.drain().map(|sample| (sample.key_expr().to_string(), sample.payload().to_bytes().into_owned())),
-        );
+        let bytes_by_key = |sample: &Sample| (sample.key_expr().to_string(), sample.payload().to_bytes().into_owned());
+        messages.extend(kept().iter().map(bytes_by_key));
         pause();
     }
     let Swarm { one, two, authority, name, .. } = swarm;
