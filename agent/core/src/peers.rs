@@ -275,10 +275,10 @@ impl Peers {
 
     /// The ages of the newest states of those of these peers that are in contact and not out of sight, by id.
     pub fn ages(&self, of: VehicleSet) -> impl Iterator<Item = PeerStateAge> {
-        let now = self.records.now();
+        let now = self.records.now;
         let received = of.both(self.all(Status::SEEN)).both(self.in_contact());
         received.iter().filter_map(move |id| {
-            let Motion { at, excess, .. } = self.records.motion(id)?;
+            let Motion { at, excess, .. } = self.records.messages.motion(id)?;
             let silent_s = now.seconds_since(at).max(0.0);
             let delay_s = self.delays.get(index(id))?.at_arrival(excess).most_s(silent_s);
             Some(PeerStateAge { id, age_s: silent_s + delay_s.unwrap_or_default(), delay_s })
@@ -289,7 +289,7 @@ impl Peers {
     pub fn near(&mut self, own: PositionNed, reach_m: f64) -> PeerSummary<impl Iterator<Item = PeerEstimate>> {
         let seen = self.all(Status::SEEN);
         let near = if reach_m.is_finite() {
-            self.near.valid(own, self.records.now(), reach_m).unwrap_or_else(|| self.list_near(own, reach_m))
+            self.near.valid(own, self.records.now, reach_m).unwrap_or_else(|| self.list_near(own, reach_m))
         } else {
             seen
         };
@@ -330,17 +330,17 @@ impl Peers {
     /// The changes of the last update, by id.
     pub fn changes(&self) -> impl Iterator<Item = Change> {
         let own = self.own;
-        self.records.changes().iter().copied().filter(move |change| change.id() != own)
+        self.records.changes.iter().copied().filter(move |change| change.id() != own)
     }
 
     /// The orders and the plans that differ in the heartbeats of the last update, by sender.
     pub fn reports(&self) -> impl Iterator<Item = &Report> {
-        self.records.reports().iter().filter(|report| report.id != self.own)
+        self.records.reports.iter().filter(|report| report.id != self.own)
     }
 
     /// The orders that operators have sent, of the last update.
     pub fn orders(&self) -> &[Order] {
-        self.records.orders()
+        &self.records.orders
     }
 
     /// Whether every member in contact has repeated this setting or a later one of its key.
@@ -351,13 +351,13 @@ impl Peers {
     /// A number that changes whenever the part of [`Self::heartbeats`] on which the agreement depends may have changed:
     /// everything but the centre's progress.
     pub fn revision(&self) -> u64 {
-        self.records.revision()
+        self.records.revision
     }
 
     /// The newest heartbeats of all peers in contact that fly the same plan, by id. No other stage keeps them.
     pub fn heartbeats(&self) -> impl Iterator<Item = PeerProgress> + Clone {
         self.all(Status::AGREES).iter().filter_map(|id| {
-            let KeptHeartbeat { progress_m, agreement, .. } = self.records.heartbeat(id)?;
+            let KeptHeartbeat { progress_m, agreement, .. } = self.records.messages.heartbeat(id)?;
             let Agreed { membership, step, vouched, reached, .. } = agreement;
             Some(PeerProgress { id, membership, step, vouched, reached, progress_m })
         })
@@ -371,7 +371,7 @@ impl Peers {
     /// Whether a vehicle that is not in contact may be flying the mission: it was never in contact, or it was lost
     /// without having left, and neither for longer than a minute.
     pub fn absent_may_fly(&self) -> bool {
-        let listened_s = self.records.first_update().map_or(0.0, |first| self.records.now().seconds_since(first));
+        let listened_s = self.records.first_update.map_or(0.0, |first| self.records.now.seconds_since(first));
         let is_complete = self.all(Status::FOUND).len() + 1 >= self.records.roster();
         let may_come = !is_complete && !Deadline::PeerGivenUp.is_past(listened_s);
         may_come || !self.all(Status::MAY_RETURN).is_empty()
@@ -379,7 +379,7 @@ impl Peers {
 
     /// Whether a peer was lost without having left and no peer is in contact, for less than a minute.
     pub fn all_lost(&self) -> bool {
-        let now = self.records.now();
+        let now = self.records.now;
         self.alone_since.is_some_and(|since| !Deadline::PeerGivenUp.is_past(now.seconds_since(since)))
     }
 
@@ -387,8 +387,8 @@ impl Peers {
     pub fn echo(&mut self, stamp: SenderStamp) -> Option<Echo> {
         self.exchange.send(stamp);
         let of = self.exchange.next_partner(self.all(Status::CORRESPONDS))?;
-        let KeptHeartbeat { stamp, at, .. } = self.records.heartbeat(of)?;
-        let held_s = self.records.now().seconds_since(at).max(0.0);
+        let KeptHeartbeat { stamp, at, .. } = self.records.messages.heartbeat(of)?;
+        let held_s = self.records.now.seconds_since(at).max(0.0);
         // A hold of more than an hour is useless for a measurement; limited to that, it fits the field.
         let held_us = (held_s * 1e6).round().min(3.6e9) as u32;
         Some(Echo { of, stamp, held_us })
@@ -409,12 +409,12 @@ impl Peers {
 
     /// Number of messages dropped because their sender is not in this swarm or claims to be this vehicle.
     pub fn forged(&self) -> u64 {
-        self.records.forged() + self.forged
+        self.records.forged + self.forged
     }
 
     /// Time from the sending to the arrival of a peer's newest state, s, where the inbox of the swarm knows it.
     pub fn latency_s(&self, peer: VehicleId) -> Option<f64> {
-        self.records.latency_s(peer)
+        self.records.messages.latency_s(peer)
     }
 
     /// The peers with a kind of status.
@@ -433,7 +433,7 @@ impl Peers {
 
     #[inline]
     fn estimate(&self, id: VehicleId, is_member: bool) -> Option<PeerEstimate> {
-        let motion = self.records.motion(id)?;
+        let motion = self.records.messages.motion(id)?;
         let Motion { position, velocity, heading_rad, .. } = motion;
         let (silent_s, delay) = self.silent_s_and_delay(id, &motion);
         let MessageDelay { most_s, likely_s } = delay.unwrap_or_default();
@@ -441,7 +441,7 @@ impl Peers {
         let (standing, role) = if is_member {
             (standing(age_s), Role::Member)
         } else {
-            self.records.peer(id)?.standing_and_role(self.records.now(), age_s)
+            self.records.peer(id)?.standing_and_role(self.records.now, age_s)
         };
         let position = position + velocity.0 * carried_s;
         let delay_s = delay.map(|delay| delay.most_s);
@@ -451,7 +451,7 @@ impl Peers {
     /// Time since the arrival of a peer's newest state, s, and the state's delay; `None` until a round trip is known.
     #[inline]
     fn silent_s_and_delay(&self, id: VehicleId, motion: &Motion) -> (f64, Option<MessageDelay>) {
-        let silent_s = self.records.now().seconds_since(motion.at).max(0.0);
+        let silent_s = self.records.now.seconds_since(motion.at).max(0.0);
         let base = self.delays.get(index(id));
         (silent_s, base.and_then(|base| base.at_arrival(motion.excess).after(silent_s)))
     }
@@ -469,7 +469,7 @@ impl Peers {
             Extrapolated { id, position, velocity, carried_s, travelled_m: self.records.travelled_m(id) }
         };
         let estimates = self.estimates().map(extrapolated);
-        let listed = near.make(own, self.records.now(), reach_m, self.records.travel(self.largest_delay), estimates);
+        let listed = near.make(own, self.records.now, reach_m, self.records.travel(self.largest_delay), estimates);
         self.near = near;
         listed
     }
@@ -512,12 +512,12 @@ impl Peers {
 
     /// Keeps the list of near peers right after an update in which the delays of these vehicles have changed.
     fn update_near(&mut self, timed: VehicleSet) {
-        if core::mem::replace(&mut self.relistings, self.records.relistings()) != self.relistings {
+        if core::mem::replace(&mut self.relistings, self.records.relistings) != self.relistings {
             self.near.discard();
         }
-        let far = self.near.far(self.records.now(), self.records.travel(self.largest_delay));
-        for id in self.records.moved().without(far).either(timed).iter().filter(|id| *id != self.own) {
-            let Some(motion) = self.records.motion(id) else { continue };
+        let far = self.near.far(self.records.now, self.records.travel(self.largest_delay));
+        for id in self.records.moved.without(far).either(timed).iter().filter(|id| *id != self.own) {
+            let Some(motion) = self.records.messages.motion(id) else { continue };
             let carried_s = || {
                 let (silent_s, delay) = self.silent_s_and_delay(id, &motion);
                 silent_s + delay.unwrap_or_default().likely_s

@@ -42,7 +42,8 @@ pub(super) struct Records {
     receives_all_states: bool,
     /// The vehicles of the whole swarm by id; empty before the first update.
     peers: Vec<Peer>,
-    messages: Messages,
+    /// The newest messages of each.
+    pub(super) messages: Messages,
     /// The vehicles with each kind of status.
     with: [VehicleSet; Status::KINDS],
     /// Those in contact that report the only receiver of these records as lost.
@@ -54,11 +55,12 @@ pub(super) struct Records {
     /// For each vehicle a time before which its status does not change without a message, and the earliest of them.
     peer_unchanged_until: Vec<LocalTime>,
     unchanged_until: LocalTime,
-    revision: u64,
+    /// A number that changes whenever the agreement's inputs may have changed.
+    pub(super) revision: u64,
     /// Number of updates after which every list of near peers has to be made anew.
-    relistings: u64,
+    pub(super) relistings: u64,
     /// Vehicles of which the last update has taken a state.
-    moved: VehicleSet,
+    pub(super) moved: VehicleSet,
     /// Vehicles of which the last update has taken any message.
     arrived: VehicleSet,
     /// A length that no vehicle's reported position has exceeded on its way since the begin, horizontally, m: the sum over
@@ -71,9 +73,12 @@ pub(super) struct Records {
     recent: RecentSenders,
     recent_states: RecentSenders,
     fresh: FreshStates,
-    changes: Vec<Change>,
-    reports: Vec<Report>,
-    orders: Vec<Order>,
+    /// The changes of the last update, by id.
+    pub(super) changes: Vec<Change>,
+    /// The orders and the plans that differ in the heartbeats of the last update, by sender.
+    pub(super) reports: Vec<Report>,
+    /// The orders that operators have sent, of the last update.
+    pub(super) orders: Vec<Order>,
     trip_changes: Vec<TripChange>,
     /// Vehicles whose round trips the last update changes.
     echoed: VehicleSet,
@@ -81,13 +86,15 @@ pub(super) struct Records {
     known_orders: StandingOrders,
     /// The newest order of each key that an operator has set, with the vehicles whose heartbeats have repeated it.
     settings: Vec<(Order, VehicleSet)>,
-    now: LocalTime,
+    /// Time of the last update.
+    pub(super) now: LocalTime,
     timeout: SilenceTimeout,
     /// Vehicles that the last update has found to be suspected too early.
     suspected_too_early: VehicleSet,
     /// Time of the first update.
-    first_update: Option<LocalTime>,
-    forged: u64,
+    pub(super) first_update: Option<LocalTime>,
+    /// Number of messages dropped because their sender is not in this swarm.
+    pub(super) forged: u64,
 }
 
 impl Records {
@@ -254,16 +261,6 @@ impl Records {
         self.unchanged_until = LocalTime::ZERO;
     }
 
-    /// Time of the last update.
-    pub(super) fn now(&self) -> LocalTime {
-        self.now
-    }
-
-    /// Time of the first update.
-    pub(super) fn first_update(&self) -> Option<LocalTime> {
-        self.first_update
-    }
-
     /// Number of vehicles of the swarm.
     pub(super) fn roster(&self) -> usize {
         self.roster.into()
@@ -284,50 +281,14 @@ impl Records {
         VehicleId::first(self.peers.len()).zip(&self.peers)
     }
 
-    /// The newest state of a vehicle, if any was received.
-    #[inline]
-    pub(super) fn motion(&self, id: VehicleId) -> Option<Motion> {
-        self.messages.motion(id)
-    }
-
-    /// The newest messages of a vehicle, if any can be known.
-    #[cfg(test)]
-    pub(super) fn newest(&self, id: VehicleId) -> Option<Newest> {
-        self.messages.newest(id)
-    }
-
-    /// The newest heartbeat of a vehicle.
-    pub(super) fn heartbeat(&self, id: VehicleId) -> Option<KeptHeartbeat> {
-        self.messages.heartbeat(id)
-    }
-
     /// The vehicles in contact that fly the same plan and report vehicle `own` as lost.
     pub(super) fn that_lost(&self, own: VehicleId) -> VehicleSet {
         if let Messages::Swarm { .. } = self.messages {
             return self.have_lost_own;
         }
-        let has_lost = |id: &VehicleId| self.heartbeat(*id).is_some_and(|last| last.agreement.lost.contains(own));
+        let has_lost =
+            |id: &VehicleId| self.messages.heartbeat(*id).is_some_and(|last| last.agreement.lost.contains(own));
         self.all(Status::REPORTS_LOST).iter().filter(has_lost).collect()
-    }
-
-    /// Time from the sending to the arrival of a vehicle's newest state, s, where the inbox knows it.
-    pub(super) fn latency_s(&self, id: VehicleId) -> Option<f64> {
-        self.messages.latency_s(id)
-    }
-
-    /// A number that changes whenever the agreement's inputs may have changed.
-    pub(super) fn revision(&self) -> u64 {
-        self.revision
-    }
-
-    /// A number that changes whenever lists of near peers have to be made anew.
-    pub(super) fn relistings(&self) -> u64 {
-        self.relistings
-    }
-
-    /// Vehicles of which the last update has taken a state.
-    pub(super) fn moved(&self) -> VehicleSet {
-        self.moved
     }
 
     /// Bounds of the way, the speed and the delay of the states for a receiver with this largest delay of messages without an
@@ -354,7 +315,7 @@ impl Records {
     pub(super) fn fresh(&self) -> VehicleSet {
         let (mut fresh, perhaps) = self.fresh.at(self.now);
         for id in perhaps.without(fresh).iter() {
-            if self.motion(id).is_some_and(|motion| self.now < motion.at.plus_seconds(FRESH_S)) {
+            if self.messages.motion(id).is_some_and(|motion| self.now < motion.at.plus_seconds(FRESH_S)) {
                 fresh.insert(id);
             }
         }
@@ -367,21 +328,6 @@ impl Records {
         self.suspected_too_early.contains(own)
     }
 
-    /// The changes of the last update, by id.
-    pub(super) fn changes(&self) -> &[Change] {
-        &self.changes
-    }
-
-    /// The orders and the plans that differ in the heartbeats of the last update, by sender.
-    pub(super) fn reports(&self) -> &[Report] {
-        &self.reports
-    }
-
-    /// The orders that operators have sent, of the last update.
-    pub(super) fn orders(&self) -> &[Order] {
-        &self.orders
-    }
-
     /// The vehicles whose heartbeats have repeated this setting or a later one of its key.
     pub(super) fn know(&self, setting: &Order) -> VehicleSet {
         let later = self.settings.iter().find(|(known, _)| sets_same_key(known, setting) && known >= setting);
@@ -391,11 +337,6 @@ impl Records {
     /// The changes by the last update of the round trips of vehicle `own`, in the order of arrival, among changes of others'.
     pub(super) fn trip_changes(&self, own: VehicleId) -> &[TripChange] {
         if self.echoed.contains(own) { &self.trip_changes } else { &[] }
-    }
-
-    /// Number of messages dropped because their sender is not in this swarm.
-    pub(super) fn forged(&self) -> u64 {
-        self.forged
     }
 
     /// Judges the vehicles that messages have touched, and those of which a deadline may have passed.

@@ -60,6 +60,6 @@ impl SharedRecords {
     /// The records after the newest messages at this time, if an agent has these records before them.
     pub(super) fn following(&self, records: &Arc<Records>, now: LocalTime) -> Option<&Arc<Records>> {
         let has_same = Arc::ptr_eq(records, &self.before) || records.begins_like(&self.before);
-        (has_same && self.after.now() == now).then_some(&self.after)
+        (has_same && self.after.now == now).then_some(&self.after)
     }
 }

@@ -369,7 +369,7 @@ proptest! {
                 prop_assert!((believed.position.north_m() - north_m(incarnation, sequence)).abs() < 1e-4, "{believed:?}");
                 prop_assert!(believed.age_s >= believed.delay_s.unwrap_or_default() && believed.carried_s >= 0.0);
             }
-            let newest_of_peer = table.0.records.newest(id(2));
+            let newest_of_peer = table.0.records.messages.newest(id(2));
             let kept = newest_of_peer.and_then(|newest| Some((newest.incarnation.0, newest.heartbeat?.sequence)));
             prop_assert_eq!(kept, newest(&heartbeats));
         }
