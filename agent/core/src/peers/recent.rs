@@ -44,17 +44,11 @@ impl RecentSenders {
 }
 
 /// The vehicles of which states have arrived in each of the last short times.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FreshStates {
     /// The begin of each time with its vehicles; the times follow each other round and round.
     times: [(LocalTime, VehicleSet); Self::TIMES],
     newest: usize,
-}
-
-impl Default for FreshStates {
-    fn default() -> Self {
-        Self { times: [(LocalTime::ZERO, VehicleSet::default()); Self::TIMES], newest: 0 }
-    }
 }
 
 impl FreshStates {

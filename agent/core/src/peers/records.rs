@@ -34,7 +34,7 @@ pub(super) enum TripChange {
 }
 
 /// The records of all vehicles.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Records {
     roster: u8,
     plan: u64,
@@ -104,37 +104,9 @@ impl Records {
             roster,
             plan,
             receives_all_states: network.graph == Graph::All,
-            peers: Vec::new(),
-            messages: Messages::default(),
-            with: [VehicleSet::default(); Status::KINDS],
-            have_lost_own: VehicleSet::default(),
-            known: VehicleSet::default(),
-            touched: VehicleSet::default(),
-            peer_unchanged_until: Vec::new(),
             unchanged_until: LocalTime::MAX,
-            revision: 0,
-            relistings: 0,
-            moved: VehicleSet::default(),
-            arrived: VehicleSet::default(),
-            travelled_m: 0.0,
-            longest_way_m: 0.0,
-            fastest_m_s: 0.0,
-            largest_excess: None,
-            recent: RecentSenders::default(),
-            recent_states: RecentSenders::default(),
-            fresh: FreshStates::default(),
-            changes: Vec::new(),
-            reports: Vec::new(),
-            orders: Vec::new(),
-            trip_changes: Vec::new(),
-            echoed: VehicleSet::default(),
-            known_orders: StandingOrders::default(),
-            settings: Vec::new(),
-            now: LocalTime::ZERO,
             timeout: SilenceTimeout::new(network.peer_stale_s),
-            suspected_too_early: VehicleSet::default(),
-            first_update: None,
-            forged: 0,
+            ..Self::default()
         }
     }
 

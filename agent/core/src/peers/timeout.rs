@@ -14,7 +14,7 @@ use skein_common::time::LocalTime;
 use crate::deadlines::Deadline;
 
 /// The duration of silence after which peers are lost.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct SilenceTimeout {
     stale_s: f64,
     load: Load,
@@ -23,9 +23,10 @@ pub(super) struct SilenceTimeout {
 }
 
 /// The load of this computer, by the signs of overload, and how long peers may be silent under it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 enum Load {
     /// The computer keeps up: half of T_stale over a link that loses nothing, T_stale over another.
+    #[default]
     Low,
     /// T_stale over every link.
     Raised,
@@ -36,7 +37,7 @@ enum Load {
 impl SilenceTimeout {
     /// The timeouts on a computer that keeps up, with this T_stale, s.
     pub(super) fn new(stale_s: f64) -> Self {
-        Self { stale_s, load: Load::Low, calm_since: LocalTime::ZERO }
+        Self { stale_s, ..Self::default() }
     }
 
     /// The time for which a peer may send no state without leaving the formation, s.
