@@ -50,11 +50,6 @@ pub fn generator(seed: u64, vehicle: Option<VehicleId>, purpose: Purpose) -> Cha
     generator
 }
 
-/// The key of all streams of a seed.
-pub fn key(seed: u64) -> [u8; 32] {
-    ChaCha8Rng::seed_from_u64(seed).get_seed()
-}
-
 /// The stream of the numbers that decide the same (`draw`) of all messages of this incarnation of a sender, whose number is
 /// below 2²¹. `of_seed` is a generator with the key of the seed that has given no number yet.
 pub fn network_generator(of_seed: &ChaCha8Rng, sender: u32, draw: u8, incarnation: Incarnation) -> ChaCha8Rng {
@@ -113,7 +108,7 @@ mod tests {
             [(0, 0, 1), (1, 0, 1), (1, 0, 2), (1, 1, 1), (2, 0, 1), ((1 << 21) - 1, 255, 1)]
         {
             draws.push(
-                network_generator(&ChaCha8Rng::from_seed(key(1)), sender, draw, Incarnation(incarnation)).next_u64(),
+                network_generator(&ChaCha8Rng::seed_from_u64(1), sender, draw, Incarnation(incarnation)).next_u64(),
             );
         }
         let count = draws.len();

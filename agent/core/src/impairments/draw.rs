@@ -101,12 +101,13 @@ pub(super) const STRANGERS: u32 = (1 << 21) - 1;
 /// The random numbers of one seed.
 #[derive(Clone, Debug)]
 pub(super) struct Draws {
-    key: [u8; 32],
+    /// A generator with the key of the seed, which gives no number itself.
+    of_seed: ChaCha8Rng,
 }
 
 impl Draws {
     pub(super) fn new(seed: u64) -> Self {
-        Self { key: random::key(seed) }
+        Self { of_seed: ChaCha8Rng::seed_from_u64(seed) }
     }
 
     /// The number that decides this of a message at this receiver, evenly distributed in [0, 1).
@@ -119,33 +120,18 @@ impl Draws {
         self.of(Draw::Burst, &MessageKey::of_link(sender, nth), receiver)
     }
 
-    fn generator(&self, what: Draw, key: &MessageKey, receiver: u8) -> ChaCha8Rng {
-        generator(&ChaCha8Rng::from_seed(self.key), what, key, receiver)
-    }
-
-    /// A source of the numbers of one message at all receivers.
-    pub(super) fn all(&self) -> AllDraws {
-        AllDraws(ChaCha8Rng::from_seed(self.key))
-    }
-}
-
-/// The random numbers of one seed for all receivers of a message at once.
-#[derive(Clone, Debug)]
-pub(super) struct AllDraws(ChaCha8Rng);
-
-impl AllDraws {
-    /// Fills `out` with the numbers of all receivers as [`Draws::of`] gives them, each at the place of its id.
+    /// Fills `out` with the numbers of all receivers as [`Self::of`] gives them, each at the place of its id.
     pub(super) fn fill(&self, what: Draw, key: &MessageKey, out: &mut [u32]) {
-        let mut generator = generator(&self.0, what, key, 0);
+        let mut generator = self.generator(what, key, 0);
         out.iter_mut().for_each(|number| *number = generator.next_u32());
     }
-}
 
-fn generator(of_seed: &ChaCha8Rng, what: Draw, key: &MessageKey, receiver: u8) -> ChaCha8Rng {
-    let MessageKey { sender, kind, order } = *key;
-    let draw = (kind as u8) << 4 | what as u8;
-    let mut generator = random::network_generator(of_seed, sender, draw, order.incarnation);
-    // The numbers of a message for all receivers, 1 to 250, lie side by side.
-    generator.set_word_pos(u128::from(order.sequence) << 8 | u128::from(receiver));
-    generator
+    fn generator(&self, what: Draw, key: &MessageKey, receiver: u8) -> ChaCha8Rng {
+        let MessageKey { sender, kind, order } = *key;
+        let draw = (kind as u8) << 4 | what as u8;
+        let mut generator = random::network_generator(&self.of_seed, sender, draw, order.incarnation);
+        // The numbers of a message for all receivers, 1 to 250, lie side by side.
+        generator.set_word_pos(u128::from(order.sequence) << 8 | u128::from(receiver));
+        generator
+    }
 }

@@ -6,13 +6,13 @@ use alloc::vec::Vec;
 use skein_common::id::{VehicleId, VehicleSet};
 use skein_common::scenario::Quality;
 
-use super::draw::{AllDraws, Draw, MessageKey};
+use super::draw::{Draw, Draws, MessageKey};
 use crate::random::share;
 
 /// The random numbers of one message at all receivers, by what they decide.
 #[derive(Clone, Debug)]
 pub(super) struct Numbers {
-    source: AllDraws,
+    source: Draws,
     /// The decisions that any link needs.
     needed: Vec<Draw>,
     columns: [Vec<u32>; Draw::COUNT],
@@ -32,7 +32,7 @@ pub(super) fn needed(any: impl Fn(fn(&Quality) -> bool) -> bool) -> Vec<Draw> {
 
 impl Numbers {
     /// The numbers at vehicles 1 to `count`, of which links need those that decide `needed`.
-    pub(super) fn new(source: AllDraws, needed: Vec<Draw>, count: usize) -> Self {
+    pub(super) fn new(source: Draws, needed: Vec<Draw>, count: usize) -> Self {
         Self { source, needed, columns: core::array::from_fn(|_| vec![0; count + 1]) }
     }
 

@@ -79,7 +79,7 @@ impl StrangerNetwork {
         let count = usize::from(scenario.roster());
         let random = || {
             let draws = Draws::new(scenario.seed);
-            let numbers = Numbers::new(draws.all(), numbers::needed(|has| has(&quality)), count);
+            let numbers = Numbers::new(draws.clone(), numbers::needed(|has| has(&quality)), count);
             let channels = quality.burst_s.map_or(Vec::new(), |_| vec![Channel::default(); count + 1]);
             RandomFates { draws, numbers, channels }
         };

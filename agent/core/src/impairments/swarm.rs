@@ -130,7 +130,7 @@ impl SwarmNetwork {
         }
         let inbox = Arc::new(SwarmInbox::new(count as u8, scenario.plan_hash()));
         let draws = Draws::new(scenario.seed);
-        let numbers = Numbers::new(draws.all(), needed, count);
+        let numbers = Numbers::new(draws.clone(), needed, count);
         Some(Self {
             inbox,
             draws,
