@@ -40,8 +40,8 @@ use link::Link;
 pub use strangers::StrangerNetwork;
 pub use swarm::SwarmNetwork;
 
-/// The network impairments of one receiving agent.
-#[derive(Clone, Debug)]
+/// The network impairments of one receiving agent; by default there are none.
+#[derive(Clone, Debug, Default)]
 pub struct Impairments {
     delay_s: f64,
     /// Per-link impairments; `None` if all links have only the same delay.
@@ -59,7 +59,7 @@ pub struct Impairments {
 }
 
 /// Delays that events add per sender: when, in s after the own take-off, and how much, s.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct AddedDelays(Vec<(VehicleId, (Range<f64>, f64))>);
 
 /// The receiver's data on which impairments depend.
@@ -134,25 +134,8 @@ impl Impairments {
             delay_s: scenario.network.delay_s,
             channels: ReceiverChannels::new(scenario, own).map(Box::new),
             delays,
-            flown_s: None,
             links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
-            in_flight: VecDeque::new(),
-            latencies: Vec::new(),
-            delivery_counts: DeliveryCounts::default(),
-        }
-    }
-
-    /// No impairments.
-    pub fn none() -> Self {
-        Self {
-            delay_s: 0.0,
-            channels: None,
-            links: Vec::new(),
-            delays: AddedDelays(Vec::new()),
-            flown_s: None,
-            in_flight: VecDeque::new(),
-            latencies: Vec::new(),
-            delivery_counts: DeliveryCounts::default(),
+            ..Self::default()
         }
     }
 
@@ -198,11 +181,6 @@ impl Impairments {
     /// Counts of all messages by their delivery.
     pub fn delivery_counts(&self) -> DeliveryCounts {
         self.delivery_counts
-    }
-
-    /// Number of messages in flight.
-    pub fn in_flight(&self) -> usize {
-        self.in_flight.len()
     }
 
     /// Whether the scenario has no impairments for this vehicle.

@@ -199,7 +199,7 @@ impl Station {
     /// that fills the inbox applies the impairments.
     pub fn share_inbox(&mut self) {
         self.agent.share_inbox();
-        self.impairments = Impairments::none();
+        self.impairments = Impairments::default();
     }
 
     /// Lets go of the inbox after a step, so that the next frame's messages can be put into it.
