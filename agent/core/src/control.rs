@@ -40,7 +40,7 @@ use crate::estimate::Estimate;
 use crate::plant::Controls;
 use crate::setpoint::{CollectiveLimit, Setpoint};
 
-pub use fis::{Fis, FisError};
+pub use fis::FisError;
 pub use gains::{Gains, OutOfLimits};
 pub use stage::{Controller, StageOutput};
 pub use sugeno::Sugeno;

@@ -96,36 +96,6 @@ impl Membership {
         set.ok_or_else(|| format!("'{kind}' needs {form}"))
     }
 
-    /// The toolboxes' name of the function.
-    pub(super) fn kind(&self) -> &'static str {
-        match self {
-            Self::Triangle(_) => "trimf",
-            Self::Trapezoid(_) => "trapmf",
-            Self::Gaussian(_) => "gaussmf",
-            Self::TwoGaussians(_) => "gauss2mf",
-            Self::Bell(_) => "gbellmf",
-            Self::Sigmoid(_) => "sigmf",
-            Self::SigmoidDifference(_) => "dsigmf",
-            Self::SigmoidProduct(_) => "psigmf",
-            Self::Z(_) => "zmf",
-            Self::S(_) => "smf",
-            Self::Pi(_) => "pimf",
-        }
-    }
-
-    /// The parameters in the order of the file.
-    pub(super) fn parameters(&self) -> &[f64] {
-        match self {
-            Self::Gaussian(p) | Self::Sigmoid(p) | Self::Z(p) | Self::S(p) => p,
-            Self::Triangle(p) | Self::Bell(p) => p,
-            Self::Trapezoid(p)
-            | Self::TwoGaussians(p)
-            | Self::SigmoidDifference(p)
-            | Self::SigmoidProduct(p)
-            | Self::Pi(p) => p,
-        }
-    }
-
     /// Whether the degree is linear between the corners.
     pub(super) fn is_piecewise_linear(&self) -> bool {
         matches!(self, Self::Triangle(_) | Self::Trapezoid(_))

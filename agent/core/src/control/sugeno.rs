@@ -207,17 +207,11 @@ impl Sugeno {
         Ok((system, fis, places, output))
     }
 
-    /// Compiles a described system with one output.
+    /// Compiles this output of a described system.
     ///
     /// # Errors
     ///
-    /// A sentence, if the system is too large, has several outputs, or its rules leave a combination of inputs inside their
-    /// ranges uncovered.
-    pub fn new(fis: &Fis) -> Result<Self, String> {
-        Self::of_output(fis, fis.output_named(&[])?)
-    }
-
-    /// Compiles this output of a described system.
+    /// A sentence, if the system is too large, or its rules leave a combination of inputs inside their ranges uncovered.
     fn of_output(fis: &Fis, output: usize) -> Result<Self, String> {
         if fis.inputs.len() > MAX_INPUTS {
             return Err(format!("{} inputs are too many: {MAX_INPUTS} are supported", fis.inputs.len()));

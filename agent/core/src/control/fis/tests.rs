@@ -1,3 +1,7 @@
+mod written;
+
+use std::fmt;
+
 use proptest::prelude::*;
 
 use super::super::Sugeno;

@@ -4,6 +4,13 @@ use super::super::fis::{Consequent, Literal, Or, Rule, Term, Variable};
 use super::*;
 use crate::random::{self, Purpose};
 
+impl Sugeno {
+    /// Compiles a described system with one output.
+    fn new(fis: &Fis) -> Result<Self, String> {
+        Self::of_output(fis, fis.output_named(&[])?)
+    }
+}
+
 fn variable(sets: &[(&str, &[f64])], range: [f64; 2]) -> Variable<Membership> {
     let terms = sets
         .iter()

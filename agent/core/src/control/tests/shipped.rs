@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::super::fis::{And, Consequent, Literal, Or, OutputBy, Rule, Term, Variable};
+use super::super::fis::{And, Consequent, Fis, Literal, Or, OutputBy, Rule, Term, Variable};
 use super::super::membership::Membership;
 use super::*;
 
