@@ -4,14 +4,16 @@ use core::ops::{Add, AddAssign, Mul, Neg, Sub};
 
 use nalgebra::Vector3;
 
-use crate::lanes::{Lanes, Real, SetLane};
+use crate::lanes::{Real, numbers};
 
-/// A vector in body or NED axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Vector<R> {
-    pub(super) x: R,
-    pub(super) y: R,
-    pub(super) z: R,
+numbers! {
+    /// A vector in body or NED axes.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub(super) struct Vector<R> {
+        pub(super) x: R,
+        pub(super) y: R,
+        pub(super) z: R,
+    }
 }
 
 impl<R> Vector<R> {
@@ -109,14 +111,6 @@ impl From<Vector3<f64>> for Vector<f64> {
 impl From<Vector<f64>> for Vector3<f64> {
     fn from(vector: Vector<f64>) -> Self {
         Self::new(vector.x, vector.y, vector.z)
-    }
-}
-
-impl SetLane<Vector<f64>> for Vector<Lanes> {
-    fn set_lane(&mut self, lane: usize, one: &Vector<f64>) {
-        self.x.set_lane(lane, &one.x);
-        self.y.set_lane(lane, &one.y);
-        self.z.set_lane(lane, &one.z);
     }
 }
 
