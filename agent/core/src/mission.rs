@@ -227,9 +227,7 @@ impl Mission {
     /// Withdraws a vehicle without own data, so that the swarm does not wait for it. It rejoins when the data are back.
     pub fn withdraw(&mut self) {
         if self.membership() == Membership::Active {
-            self.agreement.set_membership(Membership::Joining);
-            self.since = None;
-            self.progress.pause();
+            self.leave_agreement();
         }
     }
 

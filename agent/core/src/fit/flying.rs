@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::{FitError, Fitted, Verdict};
-use crate::control::{Gains, Rules, Trim, VehicleController};
+use crate::control::{Rules, VehicleController};
 use crate::estimate::Estimate;
 use crate::plant::Controls;
 use crate::setpoint::Setpoint;
@@ -35,8 +35,6 @@ const UNLOAD_S: f64 = 2.0;
 pub(super) struct Flying {
     rules: Rules,
     controller: VehicleController,
-    trim: Trim,
-    gains: Gains,
     /// The place to hold, north and east, m, and its altitude above the origin, m.
     pub(super) place_ne_m: Vector2<f64>,
     pub(super) altitude_m: f64,
@@ -46,18 +44,16 @@ pub(super) struct Flying {
 
 impl Flying {
     pub(super) fn new(rules: Rules, found: &Fitted, estimate: &Estimate) -> Self {
-        let (trim, gains) = (found.trim, found.gains);
-        let controller = VehicleController::new(rules.clone(), trim, gains, true);
+        let controller = VehicleController::new(rules.clone(), found.trim, found.gains, true);
         let ground_m = estimate.position.altitude_m() - estimate.height_m;
         let place_ne_m = estimate.position.horizontal();
         let altitude_m = ground_m + found.standing_m + HOVER_M;
-        Self { rules, controller, trim, gains, place_ne_m, altitude_m, down_s: 0.0 }
+        Self { rules, controller, place_ne_m, altitude_m, down_s: 0.0 }
     }
 
     /// Takes over a trim, or gains, found in flight. The integrals begin anew: the trim contains what they had found.
     pub(super) fn adopt(&mut self, found: &Fitted) {
-        (self.trim, self.gains) = (found.trim, found.gains);
-        self.controller = VehicleController::new(self.rules.clone(), self.trim, self.gains, true);
+        self.controller = VehicleController::new(self.rules.clone(), found.trim, found.gains, true);
     }
 
     /// The controls that hold place and altitude.

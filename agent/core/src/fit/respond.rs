@@ -204,9 +204,7 @@ impl Checking {
         let overshoot = -error_ne_m.dot(&way_ne_m) / way_ne_m.norm_squared();
         found.overshoot = found.overshoot.max(overshoot);
         let off_m = (self.flying.altitude_m - estimate.position.altitude_m()).abs();
-        let limit = |what, value: f64, limit: f64| {
-            if value > limit { Some(FitError::Check { what, value, limit }) } else { None }
-        };
+        let limit = |what, value: f64, limit: f64| (value > limit).then_some(FitError::Check { what, value, limit });
         let exceeded = limit("the overshoot, share of the way,", found.overshoot, MOST_OVERSHOOT)
             .or_else(|| limit("the altitude error, m,", off_m, MOST_ALTITUDE_M));
         if let Some(error) = exceeded {

@@ -27,7 +27,7 @@ impl Mission {
     }
 
     /// The others do not wait for this vehicle from now on. It listens again before it joins.
-    fn leave_agreement(&mut self) {
+    pub(super) fn leave_agreement(&mut self) {
         self.agreement.set_membership(Membership::Joining);
         self.since = None;
         self.progress.pause();
