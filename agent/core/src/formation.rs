@@ -161,18 +161,11 @@ pub struct Workspace {
 struct Shape {
     /// The law, or the fallback of an external law.
     law: Box<dyn Law>,
-    is_external: bool,
     /// The number of live members when the law's reach was last asked, and that reach, m.
     reach: Option<(usize, f64)>,
     conversion: Conversion,
     filter: Option<SafetyFilter>,
-    altitude_m: f64,
-    vertical: Vertical,
-    band_step_m: f64,
-    feedforward: bool,
-    heading_rad: f64,
-    radius_m: f64,
-    gamma: f64,
+    settings: scenario::Formation,
 }
 
 impl Shape {
@@ -183,20 +176,11 @@ impl Shape {
                 Some(SafetyFilter { distance_m: settings.safety_distance_m, rate_per_s: settings.safety_rate_per_s })
             }
         };
-        Self {
-            law,
-            is_external: settings.law == scenario::Law::External,
-            reach: None,
-            conversion: Conversion::of(settings),
-            filter,
-            altitude_m: settings.altitude_m,
-            vertical: settings.vertical,
-            band_step_m: settings.band_step_m,
-            feedforward: settings.feedforward,
-            heading_rad: settings.heading_rad(),
-            radius_m: settings.radius_m,
-            gamma: settings.gamma,
-        }
+        Self { law, reach: None, conversion: Conversion::of(settings), filter, settings: settings.clone() }
+    }
+
+    fn is_external(&self) -> bool {
+        self.settings.law == scenario::Law::External
     }
 }
 
@@ -225,7 +209,7 @@ impl Formation {
         Ok(Self {
             own,
             filter: shapes.first().and_then(|shape| shape.filter),
-            external: shapes.iter().any(|shape| shape.is_external).then(|| External::new(&scenario.formation.external)),
+            external: shapes.iter().any(Shape::is_external).then(|| External::new(&scenario.formation.external)),
             airspace: (!scenario.airspace.is_unlimited()).then(|| Airspace::new(&scenario.airspace)),
             shapes,
             steps,
@@ -280,11 +264,11 @@ impl Formation {
             Task::Formation(goal) => {
                 let shape = self.steps.get(goal.step).and_then(|&nth| self.shapes.get_mut(nth));
                 let Some(shape) = shape else { return 0.0 };
-                let feedforward_m_s = if shape.feedforward { goal.centre_velocity_ne_m_s.norm() } else { 0.0 };
+                let feedforward_m_s = if shape.settings.feedforward { goal.centre_velocity_ne_m_s.norm() } else { 0.0 };
                 let law_m = match shape.reach {
                     Some((members, reach_m)) if members == live => reach_m,
                     // Another program gets all members.
-                    _ if shape.is_external => f64::INFINITY,
+                    _ if shape.is_external() => f64::INFINITY,
                     _ => shape.law.reach_m(live),
                 };
                 shape.reach = Some((live, law_m));
@@ -369,7 +353,7 @@ impl Formation {
     ) -> Option<FormationOutput> {
         let shape = self.shapes.get_mut(*self.steps.get(goal.step)?)?;
         self.heights.end_stay();
-        let level_m = shape.altitude_m + partition_rise_m;
+        let level_m = shape.settings.altitude_m + partition_rise_m;
         let mission::MissionGoal { step, centre_ne_m, centre_velocity_ne_m_s, heading_rad } = *goal;
         let observation = Observation {
             own: self.own,
@@ -383,14 +367,14 @@ impl Formation {
                 step,
                 centre: PositionNed::new(centre_ne_m.x, centre_ne_m.y, -level_m),
                 centre_velocity: VelocityNed::new(centre_velocity_ne_m_s.x, centre_velocity_ne_m_s.y, 0.0),
-                heading_rad: shape.heading_rad,
-                radius_m: shape.radius_m,
-                gamma: shape.gamma,
+                heading_rad: shape.settings.heading_rad(),
+                radius_m: shape.settings.radius_m,
+                gamma: shape.settings.gamma,
             },
             dt_s,
         };
         let external_output = match &mut self.external {
-            Some(external) if shape.is_external => external.output(&observation),
+            Some(external) if shape.is_external() => external.output(&observation),
             Some(external) => {
                 external.suspend();
                 None
@@ -401,7 +385,7 @@ impl Formation {
             external_output.unwrap_or_else(|| (shape.law.update(&observation), None));
         let heading_rad = law_heading_rad.unwrap_or(heading_rad);
         let (rank, live) = (observation.rank(), observation.live());
-        let feedforward_ne_m_s = if shape.feedforward { centre_velocity_ne_m_s } else { Vector2::zeros() };
+        let feedforward_ne_m_s = if shape.settings.feedforward { centre_velocity_ne_m_s } else { Vector2::zeros() };
         let mut field = Vector3::zeros();
         let mut climb_m_s = None;
         let command_ne_m_s = match command.sane() {
@@ -417,9 +401,9 @@ impl Formation {
                 (ne_m_s - feedforward_ne_m_s).cap_magnitude(FASTEST_M_S)
             }
         };
-        let altitude_m = match (climb_m_s, shape.vertical) {
+        let altitude_m = match (climb_m_s, shape.settings.vertical) {
             (Some(climb_m_s), _) => self.heights.climbing(dt_s, level_m, climb_m_s, estimate),
-            (None, Vertical::Bands) => self.heights.in_band(dt_s, level_m, shape.band_step_m, rank, live),
+            (None, Vertical::Bands) => self.heights.in_band(dt_s, level_m, shape.settings.band_step_m, rank, live),
             (None, Vertical::Ellipsoid) => self.heights.on_surface(dt_s, level_m, -field.z, estimate),
         };
         self.filter = shape.filter;
@@ -441,7 +425,7 @@ impl Formation {
 
     /// The altitude of the formation in this step, m.
     fn altitude_m(&self, step: usize) -> Option<f64> {
-        self.shapes.get(*self.steps.get(step)?).map(|shape| shape.altitude_m)
+        self.shapes.get(*self.steps.get(step)?).map(|shape| shape.settings.altitude_m)
     }
 
     /// The altitudes at which another partition may be, m: it may be a step behind, and any number ahead.
