@@ -137,12 +137,6 @@ pub(super) struct Literal {
 }
 
 impl Consequent {
-    /// A `constant`.
-    #[cfg(test)]
-    pub(super) fn constant(constant: f64) -> Self {
-        Self { slopes: Vec::new(), constant }
-    }
-
     /// Whether the inputs do not change it.
     pub(super) fn is_constant(&self) -> bool {
         self.slopes.iter().all(|slope| *slope == 0.0)

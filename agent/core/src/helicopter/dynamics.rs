@@ -158,12 +158,6 @@ impl<R: Real> Dynamics<R> {
         [-servos, self.main_rotor.rotor.inflow_pole(main), self.tail.rotor.inflow_pole(tail)]
     }
 
-    /// The state's rate of change.
-    #[cfg(test)]
-    pub(super) fn rates(&self, state: &State<R>, command: &ServoCommand<R>, wind: Vector<R>) -> State<R> {
-        self.rates_and_inflows(state, command, wind).0
-    }
-
     /// The state's rate of change, and how the inflows of main and tail rotor change.
     #[inline(always)]
     pub(super) fn rates_and_inflows(

@@ -24,6 +24,20 @@ pub(super) fn xcell60() -> Parameters {
     toml::from_str::<Aircraft>(text).unwrap().helicopter
 }
 
+impl BuiltInVehicle {
+    /// The simulated helicopter.
+    pub(crate) fn helicopter(&self) -> &Helicopter {
+        &self.helicopter
+    }
+}
+
+impl Dynamics {
+    /// The state's rate of change.
+    fn rates(&self, state: &State, command: &ServoCommand, wind: Vector<f64>) -> State {
+        self.rates_and_inflows(state, command, wind).0
+    }
+}
+
 const CALM: Vector<f64> = Vector::new(0.0, 0.0, 0.0);
 
 /// Length of one integration step of a [`Flight`], s: a quarter of a tick.

@@ -114,11 +114,6 @@ impl BuiltInVehicle {
     pub fn failures(&self) -> Failures {
         self.failures
     }
-
-    /// The simulated helicopter.
-    pub fn helicopter(&self) -> &Helicopter {
-        &self.helicopter
-    }
 }
 
 fn is_finite(controls: &Controls) -> bool {

@@ -11,6 +11,13 @@ impl Fis {
     }
 }
 
+impl Consequent {
+    /// A `constant`.
+    pub(in crate::control) fn constant(constant: f64) -> Self {
+        Self { slopes: Vec::new(), constant }
+    }
+}
+
 impl Membership {
     /// The toolboxes' name of the function.
     pub(in crate::control) fn kind(&self) -> &'static str {
