@@ -10,7 +10,8 @@
 //! A reply that is late or not valid is counted, and the agent reports the first of each kind; to it the query had no
 //! reply. A law that ends is started again; a law that disconnects may connect again.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
+use std::mem::{Discriminant, discriminant};
 use std::net::TcpListener;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
@@ -84,7 +85,7 @@ impl LiveLaw {
             started: None,
             is_ready: false,
             open: None,
-            faults: [0; Fault::KINDS],
+            faults: HashMap::new(),
             has_ended: false,
             has_failed: false,
         };
@@ -145,7 +146,7 @@ struct LawThread {
     is_ready: bool,
     open: Option<OpenQuery>,
     /// Number of faults by kind.
-    faults: [u64; Fault::KINDS],
+    faults: HashMap<Discriminant<Fault>, u64>,
     /// Whether the end of the law was logged.
     has_ended: bool,
     /// Whether a failed restart was logged.
@@ -176,7 +177,7 @@ impl LawThread {
             }
             self.ask_again();
         }
-        let faults = self.faults.iter().sum::<u64>();
+        let faults = self.faults.values().sum::<u64>();
         if faults > 0 {
             tracing::info!("vehicle {}'s law: {faults} messages were not replies in time", self.own);
         }
@@ -294,7 +295,7 @@ impl LawThread {
     }
 
     fn count(&mut self, fault: &Fault) {
-        let count = &mut self.faults[fault.kind()];
+        let count = self.faults.entry(discriminant(fault)).or_default();
         *count += 1;
         // Its consequences are missed replies, and the agent counts those.
         if *count == 1 {

@@ -12,7 +12,8 @@
 mod local;
 mod trial;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::mem::{Discriminant, discriminant};
 use std::net::TcpListener;
 use std::num::NonZeroUsize;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -70,7 +71,7 @@ pub enum LawError {
 }
 
 /// The kinds of faults of each vehicle's laws about which a warning was printed: once, however many sets of laws there are.
-type Warned = Arc<Mutex<BTreeSet<(VehicleId, usize)>>>;
+type Warned = Arc<Mutex<HashSet<(VehicleId, Discriminant<Fault>)>>>;
 
 /// Sets of laws that wait for their next run.
 ///
@@ -198,8 +199,8 @@ struct Conversation {
     /// place of the answer. In the second case the answer may still come.
     closed: BTreeSet<(VehicleId, u64)>,
     warned: Warned,
-    /// Whether the agent has each kind of fault to report since the last hello, and the reasons that it has not got yet.
-    refused: [bool; Fault::KINDS],
+    /// The kinds of faults that the agent has to report since the last hello, and the reasons that it has not got yet.
+    refused: HashSet<Discriminant<Fault>>,
     refusals: Vec<ShortText>,
 }
 
@@ -343,7 +344,7 @@ impl Conversation {
             has_answered: false,
             closed: BTreeSet::new(),
             warned,
-            refused: [false; Fault::KINDS],
+            refused: HashSet::new(),
             refusals: Vec::new(),
         }
     }
@@ -367,7 +368,7 @@ impl Conversation {
     /// Sends the hellos of the vehicles that this law serves.
     fn send_hellos(&mut self, hellos: &[Hello]) -> Result<(), LawError> {
         let vehicles = self.vehicles.clone();
-        self.refused = [false; Fault::KINDS];
+        self.refused.clear();
         for hello in hellos.iter().filter(|hello| vehicles.contains(&hello.vehicle)) {
             // The ticks of a restarted agent count from 0 again.
             self.closed.retain(|(vehicle, _)| *vehicle != hello.vehicle);
@@ -483,7 +484,7 @@ impl Conversation {
     /// Keeps the first fault of each kind for the agent to report, and prints a warning about it if there was none yet in another
     /// run.
     fn warn_once(&mut self, fault: &Fault) {
-        if !std::mem::replace(&mut self.refused[fault.kind()], true) {
+        if self.refused.insert(discriminant(fault)) {
             self.refusals.push(ShortText::beginning_of(&fault.to_string()));
         }
         if self.is_first_of_its_kind(fault) {
@@ -494,7 +495,7 @@ impl Conversation {
 
     /// Notes the kind of this fault. Returns whether no law of this vehicle had such a fault before, in any run.
     fn is_first_of_its_kind(&self, fault: &Fault) -> bool {
-        self.warned.lock().unwrap_or_else(PoisonError::into_inner).insert((self.first_vehicle(), fault.kind()))
+        self.warned.lock().unwrap_or_else(PoisonError::into_inner).insert((self.first_vehicle(), discriminant(fault)))
     }
 
     fn ended(&mut self) -> LawError {

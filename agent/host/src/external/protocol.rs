@@ -146,26 +146,6 @@ pub enum Fault {
     Late(u64),
 }
 
-impl Fault {
-    /// Number of kinds of faults.
-    pub const KINDS: usize = 9;
-
-    /// Number of this kind of fault, below [`Self::KINDS`].
-    pub fn kind(&self) -> usize {
-        match self {
-            Self::NotJson(..) => 0,
-            Self::TooLong => 1,
-            Self::OutOfPlace(_) => 2,
-            Self::Protocol => 3,
-            Self::Length(..) => 4,
-            Self::Content(_) => 5,
-            Self::Vehicle(_) => 6,
-            Self::Tick { .. } => 7,
-            Self::Late(_) => 8,
-        }
-    }
-}
-
 /// Reads a line from a law.
 ///
 /// # Errors
