@@ -200,7 +200,8 @@ impl Session {
             };
             let begins = self.shared.active.lock().hold(self.connection, command, until);
             if begins {
-                self.shared.run(Task::Run(COMMANDS[command].action)).await?;
+                let (_, _, action) = COMMANDS[command];
+                self.shared.run(Task::Run(action)).await?;
             }
         }
         Ok(())
