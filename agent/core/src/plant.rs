@@ -140,7 +140,7 @@ pub struct Frame {
     pub truth: GroundTruth,
 }
 
-/// A plant's report beside its frames, with a frame or without one.
+/// A plant's report beside its frames, with a frame or without one; by default it reports nothing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlantStatus {
     /// The reason why the simulator does not simulate the flight, if it does not. A plant that cannot stand still never gives one.
@@ -153,11 +153,6 @@ pub struct PlantStatus {
     /// Whether a human pilot has moved the stick so far that the scenario gives the pilot the controls. The vehicle is then
     /// released as by an order, until an order that names it takes the controls back.
     pub pilot_takes_over: bool,
-}
-
-impl PlantStatus {
-    /// The status of a plant that reports nothing.
-    pub const NOTHING: Self = Self { standstill: None, faults: Vec::new(), controls: None, pilot_takes_over: false };
 }
 
 /// A plant's delivery when it wakes its agent.

@@ -78,7 +78,7 @@ impl Plant for BuiltIn {
     fn wait(&mut self, timeout: Duration) -> Wake {
         let frame = self.next_frame(now() + timeout);
         let controls = self.moved_by.and_then(Command::controls);
-        Wake { frame, status: PlantStatus { controls, ..PlantStatus::NOTHING } }
+        Wake { frame, status: PlantStatus { controls, ..PlantStatus::default() } }
     }
 
     fn command(&mut self, command: Command) {

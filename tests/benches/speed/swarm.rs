@@ -89,7 +89,7 @@ impl Swarm {
         let mut plant = Default::default();
         self.records.update(local, &received);
         let broadcast = Broadcast { messages: &received, records: Some(&self.records), inbox: None };
-        let nothing = PlantStatus::NOTHING;
+        let nothing = PlantStatus::default();
         for (station, vehicle) in self.stations.iter_mut().zip(&self.plants) {
             let frame = vehicle.frame();
             let newest = (frame.time, Some(&frame.measurement));

@@ -101,7 +101,7 @@ impl Flight {
         }
         self.strangers.deliver(self.now.local);
         let (records, clock) = (self.strangers.records(), StepClock::default());
-        let status = PlantStatus { standstill: step.standstill, ..PlantStatus::NOTHING };
+        let status = PlantStatus { standstill: step.standstill, ..PlantStatus::default() };
         let inputs = Inputs {
             did_not_run_s: step.did_not_run_s,
             status: &status,

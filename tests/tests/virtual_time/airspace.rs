@@ -126,7 +126,7 @@ fn a_vehicle_climbs_over_a_hill_on_its_path_and_returns_to_its_altitude() {
         let now = Now { plant: frame.time, local: LocalTime::from_seconds(frame.time.seconds()) };
         let inputs = Inputs {
             did_not_run_s: None,
-            status: &PlantStatus::NOTHING,
+            status: &PlantStatus::default(),
             measurement: Some(&measurement),
             received: &[],
             broadcast: Broadcast::default(),

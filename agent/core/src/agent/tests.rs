@@ -44,7 +44,7 @@ struct Flight {
 impl Flight {
     /// An active agent at 30 m.
     fn new(scenario: &Scenario) -> Self {
-        let mut flight = Self { agent: agent(scenario), status: PlantStatus::NOTHING, plant_s: 0.0, local_s: 0.0 };
+        let mut flight = Self { agent: agent(scenario), status: PlantStatus::default(), plant_s: 0.0, local_s: 0.0 };
         for _ in 0..=110 {
             flight.frame(Some(&measured(30.0)), &[]);
         }
@@ -100,7 +100,8 @@ fn state_of(sender: u8, sequence: u64, north_m: f64) -> PeerMessage {
 
 #[test]
 fn no_controls_are_written_before_the_agent_is_active() {
-    let mut flight = Flight { agent: agent(&scenario(&[])), status: PlantStatus::NOTHING, plant_s: 0.0, local_s: 0.0 };
+    let mut flight =
+        Flight { agent: agent(&scenario(&[])), status: PlantStatus::default(), plant_s: 0.0, local_s: 0.0 };
     let mut first_command_s = None;
     let mut active_s = None;
     let mut happened = Vec::new();

@@ -174,7 +174,7 @@ impl Vehicle {
         workspace: &mut Workspace,
     ) -> Option<Outputs> {
         let station = self.station.as_mut()?;
-        let status = PlantStatus { controls: self.moved_by.and_then(Command::controls), ..PlantStatus::NOTHING };
+        let status = PlantStatus { controls: self.moved_by.and_then(Command::controls), ..PlantStatus::default() };
         let (answer, refusal) = (self.answer.take(), self.refusals.pop_front());
         let broadcast = if self.takes_broadcast { arriving.broadcast } else { Broadcast::default() };
         let answer = answer.as_ref();
