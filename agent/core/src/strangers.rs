@@ -167,7 +167,7 @@ impl Strangers {
 
     /// Searches for the strangers that may come within reach soon. A search counts for 0.5 s, or until there is a new state.
     fn look_up(&mut self, now: LocalTime, known: &KnownStrangers<'_>, (own, reach_m): (PositionNed, f64)) {
-        let revision = known.records.revision();
+        let revision = known.records.revision;
         let is_valid = |search: &Search| {
             let is_new = now >= search.at && now.seconds_since(search.at) < LOOK_UP_S;
             is_new && search.reach_m >= reach_m && search.revision == revision

@@ -31,7 +31,7 @@ numbers! {
         inertia: Vector<R>,
         inverse_inertia: Vector<R>,
         /// Drag coefficients ½ρ S_x, ½ρ S_y, ½ρ S_z, kg/m.
-        drag: Vector<R>,
+        pub(super) drag: Vector<R>,
         /// The wake's skew χ_i at which it reaches the tail rotor, and 1.5/(χ_f − χ_i).
         wake_start: R,
         wake_slope: R,
@@ -64,11 +64,6 @@ impl Body<f64> {
             wake_slope: WAKE_SHARE / (wake_end - wake_start),
             stabiliser: [half_density * stabiliser.area_m2, stabiliser.lift_slope_per_rad, stabiliser.arm_m],
         }
-    }
-
-    /// Vertical drag coefficient of the fuselage ½ρ S_z, kg/m.
-    pub(super) fn vertical_drag(&self) -> f64 {
-        self.drag.z
     }
 
     /// Weight m g, N.

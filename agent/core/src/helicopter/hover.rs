@@ -47,7 +47,7 @@ impl Dynamics<f64> {
     fn hovering_main(&self, sin_bank: f64) -> HoveringRotor {
         let weight_n = self.body.weight_n() * (1.0 - sin_bank * sin_bank).sqrt();
         let rotor = &self.main_rotor.rotor;
-        let thrust_n = weight_n / (1.0 - self.body.vertical_drag() * rotor.induced_squared_per_thrust());
+        let thrust_n = weight_n / (1.0 - self.body.drag.z * rotor.induced_squared_per_thrust());
         rotor.hovering(thrust_n, self.drive.nominal_speed_rad_s)
     }
 

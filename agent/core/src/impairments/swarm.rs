@@ -380,8 +380,8 @@ impl SwarmNetwork {
         let mut reach = Reach { out: VehicleSet::default(), fading: Vec::new() };
         let sender = &self.senders[nth(from)];
         let (Some(range), Some((place, _))) = (self.range, sender.place) else { return reach };
-        let receivers = receivers.both(sender.placed());
-        let (older, placed) = (receivers.both(sender.with_older_place()), receivers.without(sender.with_older_place()));
+        let receivers = receivers.both(sender.placed);
+        let (older, placed) = (receivers.both(sender.with_older_place), receivers.without(sender.with_older_place));
         let (near, far) = self.places.near_and_far(place, range);
         reach.out = placed.both(far);
         for id in placed.without(near).without(far).either(older).iter() {

@@ -22,7 +22,7 @@ pub(super) struct Column<M> {
     /// The newest message that any receiver has received so far: its order, and its slot then.
     delivered: Option<(MessageOrder, SlotIndex)>,
     /// The slot of the newest one before that.
-    before: Option<SlotIndex>,
+    pub(super) before: Option<SlotIndex>,
 }
 
 /// The index of a slot. It is kept plus one, so that none takes no more room than one.
@@ -182,11 +182,6 @@ impl<M: Clone> Column<M> {
     /// Forgets what a receiver has received.
     pub(super) fn forget(&mut self, receiver: usize) {
         self.newest[receiver] = None;
-    }
-
-    /// The slot of the newest message but one that any receiver has received so far.
-    pub(super) fn before(&self) -> Option<SlotIndex> {
-        self.before
     }
 
     /// Notes that a message reaches receivers. Returns whether none has received another one that is as new.

@@ -176,7 +176,7 @@ impl FromSender {
             ParcelKind::Heartbeat => {
                 let is_newest = self.heartbeats.note_delivery(slot);
                 let SentHeartbeat { message, needs_all } = &self.heartbeats.slot(slot).message;
-                let Some(before) = self.heartbeats.before().filter(|_| is_newest && !needs_all) else {
+                let Some(before) = self.heartbeats.before.filter(|_| is_newest && !needs_all) else {
                     return receivers;
                 };
                 let after = self.after(Some(before), slot);

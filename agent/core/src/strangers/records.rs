@@ -28,7 +28,7 @@ pub struct StrangerRecords {
     /// The strangers, by team and id.
     strangers: Vec<StrangerRecord>,
     /// Number of states added so far.
-    revision: u64,
+    pub(super) revision: u64,
 }
 
 /// The states of one stranger that a receiver may need, the newest first.
@@ -150,11 +150,6 @@ impl StrangerRecords {
     #[cfg(test)]
     pub(crate) fn len(&self) -> usize {
         self.strangers.len()
-    }
-
-    /// A number that changes whenever a state is added.
-    pub(super) fn revision(&self) -> u64 {
-        self.revision
     }
 
     fn place(&self, id: FleetVehicle) -> Result<usize, usize> {

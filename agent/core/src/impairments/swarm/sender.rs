@@ -18,8 +18,8 @@ pub(super) struct SwarmSender {
     pub(super) place: Option<Place>,
     /// The receivers that know a place of it, and those among them that know an older one than the last, each with that: their
     /// link was dead when the later ones were reported.
-    placed: VehicleSet,
-    with_older_place: VehicleSet,
+    pub(super) placed: VehicleSet,
+    pub(super) with_older_place: VehicleSet,
     older_places: Vec<(VehicleId, Place)>,
     /// The receivers to which its links have settings of their own.
     pub(super) particular: Vec<(VehicleId, Quality)>,
@@ -55,16 +55,6 @@ impl SwarmSender {
     pub(super) fn new(particular: Vec<(VehicleId, Quality)>) -> Self {
         let with_particular = particular.iter().map(|(id, _)| *id).collect();
         Self { particular, with_particular, ..Self::default() }
-    }
-
-    /// The receivers that know a place of it.
-    pub(super) fn placed(&self) -> VehicleSet {
-        self.placed
-    }
-
-    /// Those of them that know an older place than the last.
-    pub(super) fn with_older_place(&self) -> VehicleSet {
-        self.with_older_place
     }
 
     /// The place that a receiver knows.
