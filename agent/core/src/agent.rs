@@ -77,7 +77,7 @@ pub struct Outputs {
 pub struct Agent {
     estimator: Estimator,
     diagnosis: Diagnosis,
-    peers: Peers,
+    pub(crate) peers: Peers,
     strangers: Strangers,
     /// `None` if the swarm is not a team of a fleet.
     intents: Option<Box<Intents>>,
@@ -173,25 +173,10 @@ impl Agent {
         Outputs { command, outbox, ask }
     }
 
-    /// Makes the agent read its messages from the inbox of the whole swarm ([`Peers::share_inbox`]).
-    pub fn share_inbox(&mut self) {
-        self.peers.share_inbox();
-    }
-
-    /// Lets go of the inbox after a step ([`Peers::release_inbox`]).
-    pub fn release_inbox(&mut self) {
-        self.peers.release_inbox();
-    }
-
     /// The times, by the own clock without its jumps, of the last step and of one in which the clock shows `reading`: what this step
     /// takes arrives between them.
     pub fn step_at(&self, reading: LocalTime) -> Range<LocalTime> {
         self.clock.step_at(reading)
-    }
-
-    /// Time from the sending to the arrival of a peer's newest state, s, where the inbox of the swarm knows it.
-    pub fn latency_s(&self, peer: VehicleId) -> Option<f64> {
-        self.peers.latency_s(peer)
     }
 
     /// The vehicle's estimated position; `None` before the first estimate.

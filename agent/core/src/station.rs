@@ -198,13 +198,13 @@ impl Station {
     /// Makes the agent read its messages from the inbox of the whole swarm, which every step has in its broadcast. The network
     /// that fills the inbox applies the impairments.
     pub fn share_inbox(&mut self) {
-        self.agent.share_inbox();
+        self.agent.peers.share_inbox();
         self.impairments = Impairments::default();
     }
 
     /// Lets go of the inbox after a step, so that the next frame's messages can be put into it.
     pub fn release_inbox(&mut self) {
-        self.agent.release_inbox();
+        self.agent.peers.release_inbox();
     }
 
     /// The agent's clock in the step at this correct time, until that step is taken.
@@ -297,7 +297,7 @@ impl Station {
         let mut trace = self.agent.trace(now, truth);
         self.impairments.report_latency(&mut trace.peers);
         for peer in &mut trace.peers {
-            peer.delivered_age_s = self.agent.latency_s(peer.id).unwrap_or(peer.delivered_age_s);
+            peer.delivered_age_s = self.agent.peers.latency_s(peer.id).unwrap_or(peer.delivered_age_s);
         }
         trace
     }
