@@ -80,15 +80,13 @@ impl Profile {
     /// All datarefs of the profile, each once: overrides, controls, those held, the rotor speed.
     pub fn datarefs(&self) -> Vec<&Dataref> {
         let controls = [&self.roll, &self.pitch, &self.yaw];
-        let mut all: Vec<&Dataref> = self.overrides.iter().chain(controls).chain(&self.collective).collect();
-        all.extend(self.hold.keys());
-        all.push(&self.rotor_speed_rpm);
-        let mut seen = Vec::new();
-        all.retain(|dataref| {
-            let is_new = !seen.contains(dataref);
-            seen.push(*dataref);
-            is_new
-        });
+        let moved = self.overrides.iter().chain(controls).chain(&self.collective);
+        let mut all = Vec::new();
+        for dataref in moved.chain(self.hold.keys()).chain([&self.rotor_speed_rpm]) {
+            if !all.contains(&dataref) {
+                all.push(dataref);
+            }
+        }
         all
     }
 }
