@@ -484,9 +484,9 @@ impl Agent {
         if was_released && *task != Task::Release {
             self.controller.take_over(inputs.status.controls);
         }
-        let output = match (task, output) {
-            (Task::Release, _) => Some(Command::Release.into()),
-            (Task::Park, _) => Some(self.controller.park(own.dt_s)),
+        let commanded = match (task, output) {
+            (Task::Release, _) => Some((Command::Release, None)),
+            (Task::Park, _) => Some((self.controller.park(own.dt_s), None)),
             (Task::Autorotate { heading_rad }, _) => Some(self.controller.autorotate(own.dt_s, estimate, *heading_rad)),
             (_, Some(output)) if response == Response::LandTurning => {
                 Some(self.controller.turn(own.dt_s, estimate, &output.setpoint))
@@ -494,9 +494,9 @@ impl Agent {
             (_, Some(output)) => Some(self.controller.step(own.dt_s, estimate, &output.setpoint)),
             (_, None) => None,
         };
-        let fault = output.and_then(|output| output.fault);
-        events.extend(fault.map(|_| EventKind::ControlFault));
-        self.last.command = output.map(|output| output.command);
+        let (command, fault) = commanded.unzip();
+        events.extend(fault.flatten().map(|_| EventKind::ControlFault));
+        self.last.command = command;
         self.last.command
     }
 

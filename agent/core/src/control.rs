@@ -42,7 +42,7 @@ use crate::setpoint::{CollectiveLimit, Setpoint};
 
 pub use fis::FisError;
 pub use gains::{Gains, OutOfLimits};
-pub use stage::{Controller, StageOutput};
+pub use stage::Controller;
 pub use sugeno::Sugeno;
 pub use trim::{AutoTrim, Trim};
 pub use velocity::VelocityController;

@@ -44,6 +44,7 @@ impl SimulatedPilot {
             altitude_m: estimate.position.altitude_m(),
             heading_rad: estimate.attitude.heading_rad,
         });
-        Some(self.controller.step(TICK_S, &estimate, keeps).command)
+        let (command, _) = self.controller.step(TICK_S, &estimate, keeps);
+        Some(command)
     }
 }

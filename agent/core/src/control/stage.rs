@@ -18,15 +18,6 @@ pub enum Controller {
     PointMass(VelocityController),
 }
 
-/// The output of one step of a [`Controller`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StageOutput {
-    /// The command, always finite and for the controller's kind of vehicle.
-    pub command: Command,
-    /// The reason why `command` repeats the last good command; `None` for a new command.
-    pub fault: Option<ControlFault>,
-}
-
 impl Controller {
     /// A controller that has not commanded anything yet. `rules`, `trim` and `gains` are those of a helicopter.
     pub fn new(scenario: &Scenario, rules: Rules, trim: Trim, gains: Gains) -> Self {
@@ -38,39 +29,40 @@ impl Controller {
         }
     }
 
-    /// Flies the setpoint; see [`VehicleController::step`] and [`VelocityController::step`].
-    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> StageOutput {
+    /// Flies the setpoint; see [`VehicleController::step`] and [`VelocityController::step`]. Returns the command, always finite
+    /// and for the controller's kind of vehicle, and the reason why it repeats the last good command; `None` for a new command.
+    pub fn step(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> (Command, Option<ControlFault>) {
         match self {
-            Self::Helicopter(controller) => controller.step(dt_s, estimate, setpoint).into(),
+            Self::Helicopter(controller) => of_helicopter(controller.step(dt_s, estimate, setpoint)),
             Self::PointMass(controller) => {
                 let (command, fault) = controller.step(dt_s, estimate, setpoint);
-                StageOutput { command: Command::Velocity(command), fault }
+                (Command::Velocity(command), fault)
             }
         }
     }
 
     /// Flies the setpoint with full pedal ([`VehicleController::turn`]). A point mass has no servo that could be stuck
     /// and flies the setpoint.
-    pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> StageOutput {
+    pub fn turn(&mut self, dt_s: f64, estimate: &Estimate, setpoint: &Setpoint) -> (Command, Option<ControlFault>) {
         match self {
-            Self::Helicopter(controller) => controller.turn(dt_s, estimate, setpoint).into(),
+            Self::Helicopter(controller) => of_helicopter(controller.turn(dt_s, estimate, setpoint)),
             Self::PointMass(_) => self.step(dt_s, estimate, setpoint),
         }
     }
 
     /// Descends without power: [`VehicleController::autorotate`]. A point mass sinks on the spot.
-    pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> StageOutput {
+    pub fn autorotate(&mut self, dt_s: f64, estimate: &Estimate, heading_rad: f64) -> (Command, Option<ControlFault>) {
         match self {
-            Self::Helicopter(controller) => controller.autorotate(dt_s, estimate, heading_rad).into(),
-            Self::PointMass(controller) => Command::Velocity(controller.sink()).into(),
+            Self::Helicopter(controller) => of_helicopter(controller.autorotate(dt_s, estimate, heading_rad)),
+            Self::PointMass(controller) => (Command::Velocity(controller.sink()), None),
         }
     }
 
     /// Rests on the ground: [`VehicleController::unload`], or no velocity.
-    pub fn park(&mut self, dt_s: f64) -> StageOutput {
+    pub fn park(&mut self, dt_s: f64) -> Command {
         match self {
-            Self::Helicopter(controller) => Command::Controls(controller.unload(dt_s)).into(),
-            Self::PointMass(controller) => Command::Velocity(controller.stop()).into(),
+            Self::Helicopter(controller) => Command::Controls(controller.unload(dt_s)),
+            Self::PointMass(controller) => Command::Velocity(controller.stop()),
         }
     }
 
@@ -100,14 +92,6 @@ impl Controller {
     }
 }
 
-impl From<ControlOutput> for StageOutput {
-    fn from(ControlOutput { controls, fault }: ControlOutput) -> Self {
-        Self { command: Command::Controls(controls), fault }
-    }
-}
-
-impl From<Command> for StageOutput {
-    fn from(command: Command) -> Self {
-        Self { command, fault: None }
-    }
+fn of_helicopter(ControlOutput { controls, fault }: ControlOutput) -> (Command, Option<ControlFault>) {
+    (Command::Controls(controls), fault)
 }
