@@ -26,7 +26,7 @@ use crate::delay::{Excess, since_stamp_s};
 use crate::skew::StepClock;
 
 /// The newest messages of all senders at all receivers.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SwarmInbox {
     plan: u64,
     everyone: VehicleSet,
@@ -296,13 +296,7 @@ impl SwarmInbox {
             everyone: VehicleId::first(count).collect(),
             senders,
             news: AllNews::new(count),
-            orders: Vec::new(),
-            travelled_m: 0.0,
-            longest_way_m: 0.0,
-            fastest_m_s: 0.0,
-            largest_excess: None,
-            clocks: Vec::new(),
-            clocks_set_at: LocalTime::ZERO,
+            ..Self::default()
         }
     }
 

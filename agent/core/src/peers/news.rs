@@ -55,7 +55,7 @@ pub(super) enum Item {
 }
 
 /// The news of all receivers in a frame.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct AllNews {
     /// The senders of accepted states and heartbeats, for each receiver.
     pub(super) states: Vec<VehicleSet>,
