@@ -68,12 +68,4 @@ impl BuiltInPlant {
             Self::PointMass(point) => point.fail(failures),
         }
     }
-
-    /// The failures present.
-    pub fn failures(&self) -> Failures {
-        match self {
-            Self::Helicopter(vehicle) => vehicle.failures(),
-            Self::PointMass(point) => point.failures(),
-        }
-    }
 }

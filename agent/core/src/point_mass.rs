@@ -139,11 +139,6 @@ impl PointMass {
         self.failures = failures;
     }
 
-    /// The failures present.
-    pub fn failures(&self) -> Failures {
-        self.failures
-    }
-
     fn rest(&mut self) {
         (self.velocity, self.turn_rad_s) = (VelocityNed::default(), 0.0);
     }

@@ -138,7 +138,7 @@ mod tests {
     use super::*;
     use skein_core::aircraft::Aircraft;
     use skein_core::control::Rules;
-    use skein_core::helicopter::{BuiltInVehicle, Start, Weather};
+    use skein_core::helicopter::{BuiltInVehicle, Failures, Start, Weather};
 
     fn plant(script: Script) -> BuiltIn {
         let aircraft = Aircraft::shipped("xcell60").unwrap().unwrap();
@@ -150,6 +150,11 @@ mod tests {
         let (start, weather) = (Start::default(), Weather::default());
         let vehicle = BuiltInVehicle::new(&origin, &parameters, &start, &weather, 1, id);
         BuiltIn::new(BuiltInPlant::Helicopter(Box::new(vehicle)), pilot, script, None)
+    }
+
+    fn failures(plant: &BuiltIn) -> Failures {
+        let BuiltInPlant::Helicopter(vehicle) = &plant.vehicle else { panic!("a point mass") };
+        vehicle.failures()
     }
 
     #[test]
@@ -194,7 +199,7 @@ mod tests {
         let BuiltIn { vehicle, pilot, script, .. } = plant(Script::of(&[over, lasting], vehicle));
         let mut plant = BuiltIn::new(vehicle, pilot, script, Some(95.0));
         assert!(plant.wait(2 * TICK).frame.is_some());
-        let failures = plant.vehicle.failures();
+        let failures = failures(&plant);
         assert!(failures.gyro_off && !failures.engine_out, "{failures:?}");
     }
 
@@ -207,14 +212,14 @@ mod tests {
         let mut plant = plant(Script::of(&[freeze, engine_out], vehicle));
         // The script starts only with the first command.
         let Some(first) = plant.wait(2 * TICK).frame else { panic!("no frame") };
-        assert!(!plant.vehicle.failures().engine_out);
+        assert!(!failures(&plant).engine_out);
         plant.command(Command::Controls(Controls::default()));
         let begin = now();
         let (mut frames, mut deadlines) = (Vec::new(), Vec::new());
         while now() < begin + Duration::from_millis(800) {
             let deadline = now() + 3 * TICK / 2;
             match plant.wait(3 * TICK / 2).frame {
-                Some(frame) => frames.push((now() - begin, frame.time, plant.vehicle.failures().engine_out)),
+                Some(frame) => frames.push((now() - begin, frame.time, failures(&plant).engine_out)),
                 None => {
                     assert!(now() >= deadline, "the wait ended early");
                     deadlines.push(now() - begin);

@@ -114,7 +114,7 @@ fn a_frozen_position_repeats_and_other_failures_have_no_effect() {
     point = after(point, 1.0, command(3.0, 0.0, 0.0, 0.0));
     point.fail(of_helicopters);
     point = after(point, 1.0, command(3.0, 0.0, 0.0, 0.0));
-    assert_eq!((point.frame().measurement.position, point.failures()), (before, of_helicopters));
+    assert_eq!((point.frame().measurement.position, point.failures), (before, of_helicopters));
     let cured = |mut point: PointMass| {
         point.fail(Failures::default());
         point.frame()
