@@ -16,18 +16,11 @@ const NEGLIGIBLE: f64 = 1e-12;
 /// A system with its rules as they are written.
 #[derive(Clone, Debug)]
 pub(super) struct RuleByRule {
-    inputs: Vec<Sets>,
+    inputs: Vec<Variable<Membership>>,
     and: And,
     or: Or,
     output_by: OutputBy,
     rules: Vec<EffectiveRule>,
-}
-
-/// The sets of an input.
-#[derive(Clone, Debug)]
-struct Sets {
-    range: [f64; 2],
-    sets: Vec<Membership>,
 }
 
 /// A rule with an effect on the output.
@@ -45,11 +38,7 @@ struct EffectiveRule {
 /// A rule during the search, with its strength as far as the inputs are known.
 type Alive<'a> = (&'a EffectiveRule, f64);
 
-impl Sets {
-    fn new(variable: &Variable<Membership>) -> Self {
-        Self { range: variable.range, sets: variable.terms.iter().map(|term| term.value).collect() }
-    }
-
+impl Variable<Membership> {
     fn clamped(&self, x: f64) -> f64 {
         x.max(self.range[0]).min(self.range[1])
     }
@@ -57,7 +46,7 @@ impl Sets {
     /// The ends of the range and the corners of the sets in between, ascending.
     fn grid(&self) -> Vec<f64> {
         let [low, high] = self.range;
-        let corners = self.sets.iter().flat_map(Membership::corners).filter(|x| low < *x && *x < high);
+        let corners = self.terms.iter().flat_map(|set| set.value.corners()).filter(|x| low < *x && *x < high);
         let mut grid: Vec<f64> = corners.chain([low, high]).collect();
         grid.sort_by(f64::total_cmp);
         grid.dedup();
@@ -79,8 +68,8 @@ impl RuleByRule {
                 constant: consequent.constant,
             })
         });
-        let inputs = fis.inputs.iter().map(Sets::new).collect();
-        Self { inputs, and: fis.and, or: fis.or, output_by: fis.output_by, rules: rules.collect() }
+        let rules = rules.collect();
+        Self { inputs: fis.inputs.clone(), and: fis.and, or: fis.or, output_by: fis.output_by, rules }
     }
 
     /// Number of inputs.
@@ -95,7 +84,7 @@ impl RuleByRule {
         let mut degrees = [[0.0; MAX_SETS]; MAX_INPUTS];
         for (nth, (input, at)) in self.inputs.iter().zip(inputs).enumerate() {
             x[nth] = input.clamped(*at);
-            input.sets.iter().zip(&mut degrees[nth]).for_each(|(set, degree)| *degree = set.degree(x[nth]));
+            input.terms.iter().zip(&mut degrees[nth]).for_each(|(set, degree)| *degree = set.value.degree(x[nth]));
         }
         let (mut strengths, mut weighted) = (0.0, 0.0);
         for rule in &self.rules {
@@ -134,12 +123,14 @@ impl RuleByRule {
     ///
     /// A sentence, if the grid is too large.
     pub(super) fn uncovered(&self) -> Result<Option<Vec<f64>>, &'static str> {
-        let grids: Vec<Vec<f64>> = self.inputs.iter().map(Sets::grid).collect();
+        let grids: Vec<Vec<f64>> = self.inputs.iter().map(|input| input.grid()).collect();
         if grids.iter().map(|grid| grid.len() as f64).product::<f64>() > MAX_POINTS {
             return Err("the system is too large to check that its rules cover all inputs");
         }
-        let of_point = |input: &Sets, x: &f64| (*x, input.sets.iter().map(|set| set.degree(*x)).collect());
-        let of_input = |(input, grid): (&Sets, &Vec<f64>)| grid.iter().map(|x| of_point(input, x)).collect();
+        let of_point =
+            |input: &Variable<Membership>, x: &f64| (*x, input.terms.iter().map(|set| set.value.degree(*x)).collect());
+        let of_input =
+            |(input, grid): (&Variable<Membership>, &Vec<f64>)| grid.iter().map(|x| of_point(input, x)).collect();
         let degrees: Vec<Vec<(f64, Vec<f64>)>> = self.inputs.iter().zip(&grids).map(of_input).collect();
         let mut alive: Vec<Alive<'_>> = self.rules.iter().map(|rule| (rule, rule.none())).collect();
         let mut place = Vec::new();
