@@ -4,7 +4,6 @@
 //! Rows are numbered from 0. X-Plane never sends rows to the program that selected them, but to the address of target
 //! [`DATA_OUTPUT`] only.
 
-use std::iter;
 use std::net::IpAddr;
 
 use super::{Fields, Packed, Tag, WireError, begin, body, body_of_size, layout, parts, text};
@@ -89,12 +88,6 @@ impl Selection {
         }
         Ok(Self { tag, rows: numbers.iter().map(|number| i32::from_le_bytes(*number)).collect() })
     }
-
-    /// Encodes the selection.
-    pub fn encode(&self, out: &mut Vec<u8>) {
-        begin(out, &self.tag);
-        self.rows.iter().for_each(|row| row.write(out));
-    }
 }
 
 /// Target of [`Destination`]: the receiver of the rows.
@@ -137,16 +130,5 @@ impl Destination {
             return Err(WireError::OutOfRange);
         }
         Ok(Self { target, address, port, is_on: fields.next::<i32>()? != 0 })
-    }
-
-    /// Encodes the destination, in the shorter form if its address is IPv4.
-    pub fn encode(&self, out: &mut Vec<u8>) {
-        let (tag, [_, address, port]) = if self.address.is_ipv4() { (ISE4, LENGTHS_4) } else { (ISE6, LENGTHS_6) };
-        begin(out, &tag);
-        self.target.write(out);
-        for (text, field) in [(self.address.to_string(), address), (self.port.to_string(), port)] {
-            out.extend(text.bytes().chain(iter::repeat(0)).take(field));
-        }
-        i32::from(self.is_on).write(out);
     }
 }

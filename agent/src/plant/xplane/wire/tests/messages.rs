@@ -1,5 +1,6 @@
 //! Messages besides positions and datarefs. Layouts: Laminar Research, "Exchanging Data with X-Plane".
 
+use std::iter;
 use std::net::IpAddr;
 
 use proptest::prelude::*;
@@ -11,7 +12,28 @@ use crate::plant::xplane::wire::radr::{self, RadarPoint, RadarPoint11};
 use crate::plant::xplane::wire::rows::{
     self, DATA_OUTPUT, Destination, ISE4, ISE6, MAX_ROWS, Row, SELECTIONS, Selection, decode_rows, encode_rows,
 };
-use crate::plant::xplane::wire::{Tag, WireError, decode_rate, encode_rate};
+use crate::plant::xplane::wire::{Packed, Tag, WireError, begin, decode_rate, encode_rate};
+
+impl Selection {
+    /// Encodes the selection.
+    pub(in crate::plant::xplane) fn encode(&self, out: &mut Vec<u8>) {
+        begin(out, &self.tag);
+        self.rows.iter().for_each(|row| row.write(out));
+    }
+}
+
+impl Destination {
+    /// Encodes the destination, in the shorter form if its address is IPv4.
+    pub(in crate::plant::xplane) fn encode(&self, out: &mut Vec<u8>) {
+        let (tag, lengths) = if self.address.is_ipv4() { (ISE4, [16, 8]) } else { (ISE6, [65, 7]) };
+        begin(out, &tag);
+        self.target.write(out);
+        for (text, length) in [self.address.to_string(), self.port.to_string()].into_iter().zip(lengths) {
+            out.extend(text.bytes().chain(iter::repeat(0)).take(length));
+        }
+        i32::from(self.is_on).write(out);
+    }
+}
 
 const PLACE: &str = "0000000000403c40 0000000000a054c0 0000000000005940";
 
