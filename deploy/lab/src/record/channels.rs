@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 
 use foxglove::Encode;
 use foxglove::messages::{FrameTransforms, LocationFix, Log, SceneUpdate};
+use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::Value;
 use skein_common::frame::Origin;
 use skein_common::id::{TeamId, VehicleId, VehicleName};
 use skein_common::message::{EventKind, Header, Message, Severity, Trace};
@@ -74,9 +74,9 @@ impl<S: Sink> Channels<S> {
     /// # Errors
     /// The sink does not take a channel.
     pub fn new(mut sink: S, scenario: &Scenario) -> Result<Self, RecordError> {
-        let trace = json_schema(&mut sink, schema::TRACE, &schema::trace())?;
-        let event = json_schema(&mut sink, schema::EVENT, &schema::event())?;
-        let fault = json_schema(&mut sink, schema::FAULT, &schema::fault())?;
+        let trace = json_schema::<Trace>(&mut sink, "skein.Trace")?;
+        let event = json_schema::<EventLine<'_>>(&mut sink, "skein.Event")?;
+        let fault = json_schema::<FaultLine<'_>>(&mut sink, "skein.Fault")?;
         let location = foxglove_schema::<LocationFix>(&mut sink)?;
         let transforms = foxglove_schema::<FrameTransforms>(&mut sink)?;
         let scene = foxglove_schema::<SceneUpdate>(&mut sink)?;
@@ -101,13 +101,11 @@ impl<S: Sink> Channels<S> {
     /// The sink does not take a channel.
     pub(super) fn of_fleet(sink: S, scenario: &Scenario) -> Result<Self, RecordError> {
         let mut channels = Self::without_channels(sink, scenario);
-        for (topic, name, schema) in [
-            (TEAMS, "skein.TeamPlaces", schema::of::<TeamPlaces>("skein.TeamPlaces")),
-            (format::EVENTS, "skein.TeamEvent", schema::of::<TeamLine>("skein.TeamEvent")),
-            (format::FAULTS, "skein.TeamFault", schema::of::<TeamLine>("skein.TeamFault")),
-        ] {
-            let schema = json_schema(&mut channels.sink, name, &schema)?;
-            channels.add(topic, schema)?;
+        let places = json_schema::<TeamPlaces>(&mut channels.sink, "skein.TeamPlaces")?;
+        channels.add(TEAMS, places)?;
+        for (topic, name) in [(format::EVENTS, "skein.TeamEvent"), (format::FAULTS, "skein.TeamFault")] {
+            let line = json_schema::<TeamLine>(&mut channels.sink, name)?;
+            channels.add(topic, line)?;
         }
         Ok(channels)
     }
@@ -225,8 +223,7 @@ impl<S: Sink> Channels<S> {
         }
     }
 
-    /// Puts a message on a channel. A vehicle outside this swarm has no channel.
-    /// The number of this channel, if it has a reader.
+    /// The number of this channel, if it has a reader. A vehicle outside this swarm has no channel.
     fn read(&self, topic: &str) -> Option<u16> {
         self.numbers.get(topic).copied().filter(|channel| self.sink.is_read(*channel))
     }
@@ -253,8 +250,8 @@ impl<S: Sink> Channels<S> {
 /// The number of a schema with the encoding of its messages.
 type Schema = (u16, &'static str);
 
-fn json_schema(sink: &mut impl Sink, name: &str, schema: &Value) -> Result<Schema, RecordError> {
-    Ok((sink.add_schema(name, "jsonschema", schema.to_string().as_bytes())?, "json"))
+fn json_schema<M: JsonSchema>(sink: &mut impl Sink, name: &str) -> Result<Schema, RecordError> {
+    Ok((sink.add_schema(name, "jsonschema", schema::of::<M>(name).to_string().as_bytes())?, "json"))
 }
 
 fn foxglove_schema<M: Encode>(sink: &mut impl Sink) -> Result<Schema, RecordError> {

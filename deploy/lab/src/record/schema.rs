@@ -7,31 +7,6 @@ use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
 use schemars::{JsonSchema, Schema};
 use serde_json::{Value, json};
-use skein_common::message::Trace;
-
-use super::format::{EventLine, FaultLine};
-
-/// Name of the traces' schema.
-pub(super) const TRACE: &str = "skein.Trace";
-/// Name of the events' schema.
-pub(super) const EVENT: &str = "skein.Event";
-/// Name of the faults' schema.
-pub(super) const FAULT: &str = "skein.Fault";
-
-/// Schema of a vehicle's trace of one step.
-pub(super) fn trace() -> Value {
-    of::<Trace>(TRACE)
-}
-
-/// Schema of an event that a vehicle reports of itself.
-pub(super) fn event() -> Value {
-    of::<EventLine<'_>>(EVENT)
-}
-
-/// Schema of a fault that was injected into the swarm.
-pub(super) fn fault() -> Value {
-    of::<FaultLine<'_>>(FAULT)
-}
 
 /// The schema of a serialised type, in the subset of JSON Schema that Foxglove's published reader accepts.
 ///

@@ -8,7 +8,7 @@ use skein_common::message::{EventKind, Failure, Header, LawNumber, Order, Signat
 use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 
-use super::format::{log_time_ns, seconds_since, traced};
+use super::format::{EventLine, FaultLine, log_time_ns, seconds_since, traced};
 use super::*;
 use crate::external::LawPool;
 use crate::faults::InjectedFault;
@@ -128,7 +128,7 @@ fn every_recorded_message_is_as_its_schema_describes() {
             *checked.entry(schema.name.clone()).or_insert(0) += 1;
         }
     }
-    let expected = [(schema::EVENT, 10), (schema::FAULT, 3), (schema::TRACE, steps.len())];
+    let expected = [("skein.Event", 10), ("skein.Fault", 3), ("skein.Trace", steps.len())];
     assert_eq!(checked, expected.map(|(name, count)| (name.to_owned(), count)).into());
 }
 
@@ -150,12 +150,13 @@ fn unknown_to_foxglove(schema: &Value, path: &str) -> Option<String> {
 
 #[test]
 fn foxgloves_reader_knows_every_key_of_the_schemas() {
-    for schema in [schema::trace(), schema::event(), schema::fault()] {
-        assert_eq!((schema["type"].as_str(), unknown_to_foxglove(&schema, "")), (Some("object"), None));
+    let events = schema::of::<EventLine<'_>>("skein.Event");
+    for schema in [&schema::of::<Trace>("skein.Trace"), &events, &schema::of::<FaultLine<'_>>("skein.Fault")] {
+        assert_eq!((schema["type"].as_str(), unknown_to_foxglove(schema, "")), (Some("object"), None));
         assert!(schema["properties"].as_object().unwrap().len() > 1);
     }
     for choice in ["AtAltitude: ", "ForcedAdvance: ", "OrderTaken: "] {
-        assert!(schema::event()["description"].as_str().unwrap().contains(&format!("- {choice}")), "{choice}");
+        assert!(events["description"].as_str().unwrap().contains(&format!("- {choice}")), "{choice}");
     }
     let unknown = serde_json::json!({ "type": "object", "properties": { "a": { "type": ["number", "null"] } } });
     assert!(unknown_to_foxglove(&unknown, "").unwrap().starts_with(".a: "));
@@ -163,12 +164,12 @@ fn foxgloves_reader_knows_every_key_of_the_schemas() {
 
 #[test]
 fn what_a_schema_does_not_describe_is_found() {
-    let recorded = serde_json::to_value(&steps()[0]).unwrap();
-    assert_eq!(mismatch(&schema::trace(), &recorded, ""), None);
+    let (schema, recorded) = (schema::of::<Trace>("skein.Trace"), serde_json::to_value(&steps()[0]).unwrap());
+    assert_eq!(mismatch(&schema, &recorded, ""), None);
     let wrong = |key: &str, value: Value| {
         let mut wrong = recorded.clone();
         wrong[key] = value;
-        mismatch(&schema::trace(), &wrong, "").unwrap_or_default()
+        mismatch(&schema, &wrong, "").unwrap_or_default()
     };
     assert!(wrong("unknown", 1.into()).contains("has not the keys"));
     assert!(wrong("height_m", Value::Null).contains(".height_m: null has not the kind"));
