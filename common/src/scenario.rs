@@ -37,7 +37,7 @@ use std::fmt;
 
 pub use error::ScenarioError;
 pub use fleet::{Described, FLEET_KEYS, load_any};
-pub use key::{Implied, Key, Kind, Literal, Range};
+pub use key::{Implied, Key, Kind, Literal, Range, split_unit};
 pub use keys::{KEYS, NEVER_SUGGESTED, matching, most_similar, nearest_of, takes_whole_numbers};
 pub use kind::FileKind;
 pub use law::{LawNameError, OwnLaw, add_laws};

@@ -277,11 +277,23 @@ const UNITS: &[(&str, &str)] = &[
     ("per_m", "1/m"),
     ("deg_s", "°/s"),
     ("m", "m"),
+    ("ms", "ms"),
+    ("us", "µs"),
     ("s", "s"),
     ("hz", "Hz"),
     ("deg", "°"),
+    ("j", "J"),
+    ("bytes", "bytes"),
     ("ppm", "ppm"),
 ];
+
+/// The quantity and the unit of a name such as `radius_m`; the quantity of a name that is a unit, such as `hz`, is empty.
+pub fn split_unit(name: &str) -> Option<(&str, &'static str)> {
+    UNITS.iter().find_map(|(end, unit)| {
+        let rest = name.strip_suffix(*end)?;
+        Some((if rest.is_empty() { rest } else { rest.strip_suffix('_')? }, *unit))
+    })
+}
 
 impl Key {
     /// A key with one default.
@@ -316,12 +328,7 @@ impl Key {
 
     /// Unit of the numbers, "1" for pure numbers; `None` for a key without numbers.
     pub fn unit(&self) -> Option<&'static str> {
-        self.own_unit.or_else(|| self.unit_in_name()).filter(|_| self.kind.has_numbers())
-    }
-
-    /// Unit in which the key's name ends.
-    pub(in crate::scenario) fn unit_in_name(&self) -> Option<&'static str> {
-        let ends = |end: &str| self.name().strip_suffix(end).is_some_and(|rest| rest.is_empty() || rest.ends_with('_'));
-        UNITS.iter().find(|(end, _)| ends(end)).map(|(_, unit)| *unit)
+        let in_name = || split_unit(self.name()).map(|(_, unit)| unit);
+        self.own_unit.or_else(in_name).filter(|_| self.kind.has_numbers())
     }
 }

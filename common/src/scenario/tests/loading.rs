@@ -365,7 +365,7 @@ fn every_key_has_a_meaning_and_one_unit() {
         let length = key.about.split_whitespace().count();
         assert!((if is_short { 2 } else { 3 }..=30).contains(&length), "{}: {}", key.path, key.about);
         assert!(!key.about.contains("  ") && !key.about.ends_with('.'), "{}: {}", key.path, key.about);
-        let units = usize::from(key.own_unit.is_some()) + usize::from(key.unit_in_name().is_some());
+        let units = usize::from(key.own_unit.is_some()) + usize::from(split_unit(key.name()).is_some());
         assert_eq!(units, usize::from(key.kind.has_numbers()), "{}: one unit, in the name or beside it", key.path);
     }
     let unit = |path: &str| KEYS.iter().find(|key| key.path == path).and_then(Key::unit);

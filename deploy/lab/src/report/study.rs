@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use skein_common::scenario::split_unit;
+
 use super::figure::{Axis, Colour, Drawing, Item, Marker, Panel, Shape, WIDTH_PX};
 use super::page::{Page, Part, Section};
 use super::{fleet, flight_parts, recording, slug, tables, verdict};
@@ -393,29 +395,12 @@ fn axis(key: &str) -> Axis {
         let unit = if figure.unit == "degrees" { "°" } else { figure.unit };
         return Axis::new(figure.name, unit);
     }
-    // A longer ending comes before a shorter one that also fits.
-    const UNITS: [(&str, &str); 16] = [
-        ("_deg_s", "°/s"),
-        ("_bit_s", "bit/s"),
-        ("_m_s2", "m/s²"),
-        ("_m_s", "m/s"),
-        ("_per_m", "1/m"),
-        ("_per_s2", "1/s²"),
-        ("_per_s", "1/s"),
-        ("_ms", "ms"),
-        ("_us", "µs"),
-        ("_s", "s"),
-        ("_m", "m"),
-        ("_deg", "°"),
-        ("_hz", "Hz"),
-        ("_j", "J"),
-        ("_bytes", "bytes"),
-        ("_ppm", "ppm"),
-    ];
-    let found = UNITS.into_iter().find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, unit)));
-    // The name of `record.hz` consists of the unit alone.
-    let found = found.or((key == "hz").then_some(("rate", "Hz")));
-    let (quantity, unit) = found.unwrap_or((key, "1"));
+    let (quantity, unit) = match split_unit(key) {
+        // The name of `record.hz` consists of the unit alone.
+        Some(("", "Hz")) => ("rate", "Hz"),
+        Some((quantity, unit)) if !quantity.is_empty() => (quantity, unit),
+        _ => (key, "1"),
+    };
     Axis::new(&quantity.replace('_', " "), unit)
 }
 
