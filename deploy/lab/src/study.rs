@@ -36,7 +36,7 @@ pub use batch::{Batch, Pilot, Replaced};
 pub use command::{StudyArgs, run, seed};
 pub use fleet::{FleetRecording, FleetStudy};
 use flight::{SeedFlight, fly_side_by_side};
-pub use planned::{FlownStudy, Progress, fly_planned};
+pub use planned::{FlownStudy, Progress, fly_planned, write_results};
 pub use recorded::record_run;
 pub use summary::{FigureSummary, PointSummary, Summary, summarize, summary};
 pub(crate) use table::median_and_worst;

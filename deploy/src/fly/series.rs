@@ -17,9 +17,9 @@ use skein_host::parallel::at_once;
 use skein_lab::error::Error;
 use skein_lab::faults::{OperatorOrder, orders};
 use skein_lab::scenario::{ScenarioArgs, quoted};
-use skein_lab::study::Summary;
-use skein_lab::study::flights::{FlightsLeft, discard, note_failure};
+use skein_lab::study::flights::{self, discard, note_failure};
 use skein_lab::study::plan::{Plan as SeriesPlan, PlannedRun};
+use skein_lab::study::{self, Summary};
 use skein_lab::terminal::{complain, say, what_next};
 
 use super::FlyArgs;
@@ -131,23 +131,23 @@ fn close(run: &PlannedRun<'_>, ended: FlightEnd) -> Result<Option<String>, Error
 
 /// Prints and writes what the flights left. `early` is why the series ended before its last flight.
 fn end(args: &FlyArgs, plan: &SeriesPlan, early: Option<String>) -> Result<(), Error> {
-    let left = FlightsLeft::read(plan);
-    let is_whole = left.are_all(plan);
+    let rows = flights::rows(plan);
+    let is_whole = rows.len() == plan.runs();
     if is_whole {
-        left.write(plan)?;
+        study::write_results(plan, &rows)?;
     }
-    let (runs, failed) = (plan.runs(), left.failures().count());
+    let (runs, failed) = (plan.runs(), flights::failures(&rows).count());
     let flown = (0..runs).filter(|&nth| plan.run(nth).measured().is_some()).count();
     let out = plan.out.display().to_string();
     if args.json {
-        let failed = left.failures().map(|(seed, error)| FailedFlight { seed, error }).collect();
-        let outcome =
-            SeriesOutcome { runs, flown, failed, error: early.clone(), out: out.clone(), figures: left.summary() };
+        let failed = flights::failures(&rows).map(|(seed, error)| FailedFlight { seed, error }).collect();
+        let figures = study::summary(&rows);
+        let outcome = SeriesOutcome { runs, flown, failed, error: early.clone(), out: out.clone(), figures };
         // A line like those of each flight, in one piece.
         let line = serde_json::to_string(&outcome).map_err(|error| Error::Failed(format!("--json: {error}")))?;
         say(&format!("{line}\n"));
-    } else if !left.rows.is_empty() {
-        say(&left.text(plan));
+    } else if !rows.is_empty() {
+        say(&flights::text(plan, &rows));
     }
     eprintln!("written to {out}");
     if !args.json && is_whole {

@@ -7,8 +7,7 @@
 use std::fs;
 
 use super::plan::{Plan, PlannedRun};
-use super::planned::write_results;
-use super::summary::{FAILURE, Summary, summary};
+use super::summary::{FAILURE, summary};
 use super::{table, verdict};
 use crate::error::Error;
 use crate::metrics::Measured;
@@ -37,47 +36,20 @@ pub fn discard(run: &PlannedRun<'_>) -> Result<(), Error> {
     }
 }
 
-/// The results of flights that follow each other.
-#[derive(Clone, Debug)]
-pub struct FlightsLeft {
-    /// A row for each flight that was tried, in the order of seeds.
-    pub rows: Vec<Measured>,
+/// A row for each flight that was tried, in the order of seeds.
+pub fn rows(plan: &Plan) -> Vec<Measured> {
+    (0..plan.runs()).filter_map(|nth| row(&plan.run(nth))).collect()
 }
 
-impl FlightsLeft {
-    /// Reads what is there.
-    pub fn read(plan: &Plan) -> Self {
-        Self { rows: (0..plan.runs()).filter_map(|nth| row(&plan.run(nth))).collect() }
-    }
+/// The seeds of flights that failed, each with the reason.
+pub fn failures(rows: &[Measured]) -> impl Iterator<Item = (u64, &str)> {
+    rows.iter().filter_map(|row| Some((row.seed, row.texts.get(FAILURE)?.as_str())))
+}
 
-    /// Whether every flight has been tried.
-    pub fn are_all(&self, plan: &Plan) -> bool {
-        self.rows.len() == plan.runs()
-    }
-
-    /// The seeds of flights that failed, each with the reason.
-    pub fn failures(&self) -> impl Iterator<Item = (u64, &str)> {
-        self.rows.iter().filter_map(|row| Some((row.seed, row.texts.get(FAILURE)?.as_str())))
-    }
-
-    /// Every figure over all seeds.
-    pub fn summary(&self) -> Summary {
-        summary(&self.rows)
-    }
-
-    /// Writes `runs.csv` and `summary.json`.
-    ///
-    /// # Errors
-    /// If a file cannot be written.
-    pub fn write(&self, plan: &Plan) -> Result<(), Error> {
-        write_results(plan, &self.rows)
-    }
-
-    /// The verdict and the figures that a reader looks for first.
-    pub fn text(&self, plan: &Plan) -> String {
-        let verdict = verdict::verdict(&plan.scenario, &plan.points, &self.rows);
-        format!("{verdict}\n{}", table::of_figures(&self.summary(), table::Which::Headline))
-    }
+/// The verdict on the flights with these rows, and the figures that a reader looks for first.
+pub fn text(plan: &Plan, rows: &[Measured]) -> String {
+    let verdict = verdict::verdict(&plan.scenario, &plan.points, rows);
+    format!("{verdict}\n{}", table::of_figures(&summary(rows), table::Which::Headline))
 }
 
 /// The result of a flight: its figures, and the reason if it failed. `None` if it was not tried, or was interrupted.
@@ -93,6 +65,7 @@ fn row(run: &PlannedRun<'_>) -> Option<Measured> {
 mod tests {
     use std::path::Path;
 
+    use super::super::write_results;
     use super::*;
     use crate::scenario::ScenarioArgs;
 
@@ -115,18 +88,19 @@ mod tests {
         fly(&first.run(0));
         fly(&first.run(1));
         note_failure(&first.run(1), "vehicle 2: did not land in time").unwrap();
-        assert!(!FlightsLeft::read(&first).are_all(&first));
+        assert_eq!(rows(&first).len(), 2);
         note_failure(&first.run(2), "only 1 of 2 vehicles became active").unwrap();
 
-        let left = FlightsLeft::read(&first);
-        assert!(left.are_all(&first));
-        let failures = [(4, "vehicle 2: did not land in time"), (5, "only 1 of 2 vehicles became active")];
-        assert_eq!(left.failures().collect::<Vec<_>>(), failures);
-        left.write(&first).unwrap();
-        let rows = "seed,collisions,in_band_s,failure\n3,0,7.5,\n4,0,7.5,vehicle 2: did not land in time\n5,,,only 1 of 2 vehicles became active\n";
-        assert_eq!(fs::read_to_string(out.join("runs.csv")).unwrap(), rows);
-        assert_eq!((left.summary()["in_band_s"].n, left.summary()["in_band_s"].median), (2, Some(7.5)));
-        let text = left.text(&first);
+        let left = rows(&first);
+        assert_eq!(left.len(), first.runs());
+        let failed = [(4, "vehicle 2: did not land in time"), (5, "only 1 of 2 vehicles became active")];
+        assert_eq!(failures(&left).collect::<Vec<_>>(), failed);
+        write_results(&first, &left).unwrap();
+        let table = "seed,collisions,in_band_s,failure\n3,0,7.5,\n4,0,7.5,vehicle 2: did not land in time\n5,,,only 1 of 2 vehicles became active\n";
+        assert_eq!(fs::read_to_string(out.join("runs.csv")).unwrap(), table);
+        let figure = &summary(&left)["in_band_s"];
+        assert_eq!((figure.n, figure.median), (2, Some(7.5)));
+        let text = text(&first, &left);
         let line = "2 of 3 runs not flown to the end, seeds 4 and 5: skein fly --set swarm.vehicles=2 --set duration_s=5 --seed 4\n";
         assert!(text.starts_with("1 of 3 runs: no collision") && text.contains(line), "{text}");
 
@@ -137,7 +111,7 @@ mod tests {
         again.run(2).clear().unwrap();
         assert!(!again.run(2).folder().exists());
         fly(&again.run(2));
-        FlightsLeft::read(&again).write(&again).unwrap();
+        write_results(&again, &rows(&again)).unwrap();
         let why = plan(&out).unwrap_err();
         assert!(why.contains("this study is there already, and finished"), "{why}");
     }
@@ -150,7 +124,7 @@ mod tests {
         discard(&run).expect("nothing to discard");
         fly(&run);
         discard(&run).unwrap();
-        assert!(run.measured().is_none() && FlightsLeft::read(&plan).rows.is_empty());
+        assert!(run.measured().is_none() && rows(&plan).is_empty());
         assert!(run.folder().join("metrics-interrupted.json").is_file(), "its figures stay to be looked at");
     }
 

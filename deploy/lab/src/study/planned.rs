@@ -63,7 +63,10 @@ fn share_of(cores: NonZeroUsize, at_once: usize) -> NonZeroUsize {
 }
 
 /// Writes `runs.csv`, then `summary.json`.
-pub(super) fn write_results(plan: &Plan, runs: &[Measured]) -> Result<(), Error> {
+///
+/// # Errors
+/// If a file cannot be written.
+pub fn write_results(plan: &Plan, runs: &[Measured]) -> Result<(), Error> {
     write(&plan.out.join("runs.csv"), csv(&plan.points, runs))?;
     let text = match plan.is_swept {
         true => json(&by_point(&plan.points, runs)),
