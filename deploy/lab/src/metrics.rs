@@ -277,13 +277,17 @@ impl Metrics {
         }
         for vehicle in vehicles {
             self.crashes.get_mut(index(vehicle.id)).into_iter().for_each(|crash| crash.look_at(vehicle));
+            if vehicle.runs {
+                let attitude = &vehicle.truth.attitude;
+                self.max_tilt_rad = self.max_tilt_rad.max(attitude.roll_rad.abs()).max(attitude.pitch_rad.abs());
+            }
         }
-        self.observe_tilt(vehicles);
         if self.observes_formation(t_s) {
             self.next_formation_s = t_s + FORMATION_PERIOD_S;
             self.observe_formation(t_s, vehicles);
         }
-        self.observe_pairs(vehicles);
+        let has_path = self.shapes.iter().any(|shape| shape.path_ends.is_some());
+        self.separations.observe(vehicles, !self.is_flock || !has_path || self.following.has_begun);
     }
 
     /// Updates the figures of the formation, of flocking, of the network's graph and of effort.
@@ -462,14 +466,6 @@ impl Metrics {
         self.transients.observe(t_s, members, is_split, step, is_high && inside && is_even);
     }
 
-    /// Updates the largest tilt.
-    fn observe_tilt(&mut self, vehicles: &[VehicleNow]) {
-        for vehicle in vehicles.iter().filter(|vehicle| vehicle.runs) {
-            let attitude = &vehicle.truth.attitude;
-            self.max_tilt_rad = self.max_tilt_rad.max(attitude.roll_rad.abs()).max(attitude.pitch_rad.abs());
-        }
-    }
-
     /// Updates the figures of energy and control activity, with the power and the controls of the last `since_s`, s.
     fn observe_effort(&mut self, since_s: f64, vehicles: &[VehicleNow]) {
         for vehicle in vehicles.iter().filter(|vehicle| vehicle.runs) {
@@ -487,12 +483,6 @@ impl Metrics {
                 effort.fallback.add(f64::from(fallback_flies));
             }
         }
-    }
-
-    /// Updates the figures that depend on the distances of pairs.
-    fn observe_pairs(&mut self, vehicles: &[VehicleNow]) {
-        let has_path = self.shapes.iter().any(|shape| shape.path_ends.is_some());
-        self.separations.observe(vehicles, !self.is_flock || !has_path || self.following.has_begun);
     }
 }
 

@@ -2,7 +2,6 @@
 //! centre.
 
 use nalgebra::Vector3;
-use skein_common::frame::VelocityNed;
 use skein_common::id::VehicleSet;
 
 use super::VehicleNow;
@@ -26,9 +25,10 @@ impl Alignment {
         self.moving.clear();
         let mut speeds_m_s = Mean::default();
         for &nth in members {
-            let (speed_m_s, direction) = speed_and_direction(&vehicles[nth].truth.velocity);
+            let velocity = vehicles[nth].truth.velocity.0;
+            let speed_m_s = velocity.norm();
             speeds_m_s.add(speed_m_s);
-            self.moving.extend(direction.map(|direction| (nth, direction)));
+            self.moving.extend((speed_m_s > MOVING_M_S).then(|| (nth, velocity / speed_m_s)));
         }
         if let Some(speed_m_s) = speeds_m_s.mean() {
             series.set(Column::Speed, speed_m_s);
@@ -73,12 +73,6 @@ impl Alignment {
     }
 }
 
-/// Speed, m/s, and the direction of flight, if the vehicle moves.
-fn speed_and_direction(velocity: &VelocityNed) -> (f64, Option<Vector3<f64>>) {
-    let speed_m_s = velocity.0.norm();
-    (speed_m_s, (speed_m_s > MOVING_M_S).then(|| velocity.0 / speed_m_s))
-}
-
 /// Measures how the members follow their moving centres.
 #[derive(Debug, Default)]
 pub(super) struct Following {
@@ -110,6 +104,7 @@ impl Following {
 
 #[cfg(test)]
 mod tests {
+    use skein_common::frame::VelocityNed;
     use skein_common::state::Membership;
     use skein_core::random::{self, Purpose};
 
@@ -170,7 +165,7 @@ mod tests {
                     moving(number, &others, [(); 3].map(|()| 9.0 * random::standard_normal(&mut rng)))
                 })
                 .collect();
-            let directions = all.iter().map(|one| speed_and_direction(&one.truth.velocity).1.unwrap());
+            let directions = all.iter().map(|one| one.truth.velocity.0 / one.truth.velocity.0.norm());
             let mut expected = Mean::default();
             for (own, direction) in all.iter().zip(directions.clone()) {
                 let mut cosines = Mean::default();
