@@ -146,16 +146,10 @@ pub fn link_changes(events: &[ScriptedEvent], sender: VehicleId, receiver: Vehic
     cuts.chain(delays).collect()
 }
 
-/// The spans in which vehicle `own` has no agent, s after its take-off.
-pub fn kills(events: &[ScriptedEvent], own: VehicleId) -> Vec<Range<f64>> {
-    let kills = events.iter().filter(|event| event.what == EventAction::Fault(Fault::Kill { vehicle: own }));
-    union(kills.map(lasting))
-}
-
-/// The spans in which the central controller is down, s after the first take-off.
-pub fn control_kills(events: &[ScriptedEvent]) -> Vec<Range<f64>> {
-    let kills = events.iter().filter(|event| event.what == EventAction::Fault(Fault::KillControl));
-    union(kills.map(lasting))
+/// The spans in which this fault lasts, s after the take-off from which its time counts.
+pub fn spans(events: &[ScriptedEvent], fault: &Fault) -> Vec<Range<f64>> {
+    let its = events.iter().filter(|event| matches!(&event.what, EventAction::Fault(other) if other == fault));
+    union(its.map(lasting))
 }
 
 /// An order of the scenario's operator: the action, and the vehicles that it names; `None` for the whole swarm.

@@ -415,8 +415,9 @@ impl World {
             let to_all = if vehicle.takes_broadcast { &[] } else { arriving.as_slice() };
             let to_all = to_all.iter().filter(|message| message.sender() != Some(id));
             let to_it = to_one.iter().filter(|(receiver, _)| *receiver == id).map(|(_, message)| message);
-            if !vehicle.takes_broadcast || !to_one.is_empty() {
-                vehicle.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
+            // The station applies the impairments.
+            if let Some(station) = vehicle.station.as_mut().filter(|_| !vehicle.takes_broadcast || !to_one.is_empty()) {
+                station.receive(now, to_it.chain(to_all).map(|message| Received { message: *message, at: now }));
             }
         }
         to_one.clear();

@@ -9,7 +9,7 @@ use skein_common::scenario::{EventAction, Fault, PlantKind, PlayedFailures, Scen
 use skein_core::impairments::{lasting, union};
 
 use skein_cluster::os;
-use skein_lab::faults::{InjectedFault, OperatorOrder, Schedule, describe, failure_of, kills, orders};
+use skein_lab::faults::{InjectedFault, OperatorOrder, Schedule, describe, failure_of, orders, spans};
 
 /// An action of the launcher, or an event to report.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,9 +78,8 @@ pub(super) fn schedule(scenario: &Scenario) -> Schedule<ScriptedAction> {
         orders(events).into_iter().map(|(at_s, order)| (at_s, ScriptedAction::Order(order))).collect();
     let mut span = |Range { start, end }: Range<f64>, from, until| actions.extend([(start, from), (end, until)]);
     for id in scenario.ids() {
-        kills(events, id)
-            .into_iter()
-            .for_each(|dead| span(dead, ScriptedAction::Kill(id), ScriptedAction::Restart(id)));
+        let kills = spans(events, &Fault::Kill { vehicle: id });
+        kills.into_iter().for_each(|dead| span(dead, ScriptedAction::Kill(id), ScriptedAction::Restart(id)));
         let is_its = |fault: &Fault| *fault == Fault::SimulatorFreeze { vehicle: id };
         let frozen = faults(scenario).filter(|(_, fault, player)| *player == Player::Launcher && is_its(fault));
         let frozen = union(frozen.map(|(event, ..)| lasting(event)));

@@ -13,7 +13,6 @@ mod traces;
 
 use std::borrow::Cow;
 
-use nalgebra::Vector2;
 use skein_common::frame::PositionNed;
 use skein_common::id::VehicleId;
 use skein_common::message::Trace;
@@ -229,15 +228,21 @@ impl<'a> Flight<'a> {
 
     /// A line over time for each vehicle; for many vehicles, their least, median and largest values.
     fn lines(&self, value: impl Fn(&Trace) -> Option<f64>) -> Vec<Item> {
+        self.lines_of(|index, sample| value(&self.seen[index][sample]?.trace))
+    }
+
+    /// The lines of [`Self::lines`], of a value by the index of the vehicle and the sample.
+    fn lines_of(&self, value: impl Fn(usize, usize) -> Option<f64>) -> Vec<Item> {
+        let all = 0..self.count();
         if !self.is_few() {
-            return self.envelope("vehicles", |sample| self.at(sample).filter_map(|(_, trace)| value(trace)).collect());
+            return self.envelope("vehicles", |sample| all.clone().filter_map(|index| value(index, sample)).collect());
         }
         let line = |index: usize| {
-            let values = self.seen[index].iter().map(|step| step.and_then(|step| value(&step.trace)));
+            let values = (0..self.times_s.len()).map(|sample| value(index, sample));
             let name = self.id(index).to_string();
             Item::line(self.over_time(values), Colour::nth(index)).marked(index).at_end(name)
         };
-        (0..self.count()).map(line).collect()
+        all.map(line).collect()
     }
 
     /// Lines of the least, median and largest of many values at each sample.
@@ -325,8 +330,7 @@ fn on_map(ne_m: [f64; 2]) -> [f64; 2] {
 }
 
 fn place_on_map(position: PositionNed) -> [f64; 2] {
-    let ne_m: Vector2<f64> = position.horizontal();
-    [ne_m.y, ne_m.x]
+    [position.east_m(), position.north_m()]
 }
 
 #[cfg(test)]

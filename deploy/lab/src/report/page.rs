@@ -120,7 +120,8 @@ impl Page {
             body += "</section>\n";
         }
         put(out.join("index.html"), &self.html(&body))?;
-        write_pngs(&figures)
+        // On all cores, because the compression of PNG files takes longer than everything else in a report.
+        in_parallel(figures.len(), cores(), |nth| figures[nth].1.write_png(&figures[nth].0)).map(drop)
     }
 
     fn html(&self, body: &str) -> String {
@@ -189,11 +190,4 @@ fn shown(figure: &Drawing, name: &str, svg: &str) -> String {
     let caption = escaped(&figure.full_caption());
     let svg = format!("<div class=\"wide\">{svg}</div>");
     format!("<figure id=\"{name}\">\n{svg}<figcaption>{caption} {}</figcaption>\n</figure>\n", files.join(" "))
-}
-
-/// Writes the PNG files on all cores, because their compression takes longer than everything else in a report.
-fn write_pngs(figures: &[(PathBuf, &Drawing)]) -> Result<(), Error> {
-    let jobs = cores();
-    let write = |nth: usize| figures[nth].1.write_png(&figures[nth].0);
-    in_parallel(figures.len(), jobs, write).map(drop)
 }

@@ -28,7 +28,7 @@ use std::collections::VecDeque;
 use skein_common::frame::{Geodetic, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::{Header, State};
-use skein_common::scenario::{Graph, Network, Scenario, SendMode, Source, load};
+use skein_common::scenario::{Fault, Graph, Network, Scenario, SendMode, Source, load};
 use skein_common::state::VehicleState;
 use skein_common::time::{LocalTime, PlantTime};
 use skein_core::agent::Outputs;
@@ -44,7 +44,7 @@ use super::TICK_NS;
 use super::beside::TakeOutputs;
 use super::script::ScriptedAction;
 use super::vehicle::{Arriving, Vehicle};
-use crate::faults::{Schedule, control_kills};
+use crate::faults::{Schedule, spans};
 use crate::metrics::Totals;
 
 /// Size of the state that an aircraft sends in a frame, bytes: X-Plane's RPOS. The rotor speed is not counted, because
@@ -147,7 +147,7 @@ impl Central {
     pub(super) fn new(scenario: &Scenario) -> Self {
         let (network, id) = with_central_controller(scenario);
         let mut outages = Vec::new();
-        for dead in control_kills(&scenario.mission.events) {
+        for dead in spans(&scenario.mission.events, &Fault::KillControl) {
             outages.extend([(dead.start, ScriptedAction::Kill), (dead.end, ScriptedAction::Restart)]);
         }
         Self {

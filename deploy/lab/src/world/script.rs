@@ -7,7 +7,7 @@ use skein_common::message::{Order, StandingOrders};
 use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
 use skein_core::impairments::lasting;
 
-use crate::faults::{LinkChange, OperatorOrder, Schedule, failure_of, kills, link_changes, orders};
+use crate::faults::{LinkChange, OperatorOrder, Schedule, failure_of, link_changes, orders, spans};
 
 /// Time between two transmissions of an order, s.
 const RESEND_PERIOD_S: f64 = 0.2;
@@ -32,7 +32,8 @@ pub(super) fn actions(scenario: &Scenario, own: VehicleId) -> Schedule<ScriptedA
     let events = &scenario.mission.events;
     let mut actions: Vec<_> = events.iter().filter_map(|event| failure(event, own)).collect();
     let mut span = |from, until, lasts: Range<f64>| actions.extend([(lasts.start, from), (lasts.end, until)]);
-    kills(events, own).into_iter().for_each(|dead| span(ScriptedAction::Kill, ScriptedAction::Restart, dead));
+    let kills = spans(events, &Fault::Kill { vehicle: own });
+    kills.into_iter().for_each(|dead| span(ScriptedAction::Kill, ScriptedAction::Restart, dead));
     for sender in scenario.ids() {
         let changes = link_changes(events, sender, own).into_iter();
         actions.extend(changes.map(|(at_s, change)| (at_s, ScriptedAction::Link(change, sender))));

@@ -14,7 +14,7 @@ use skein_core::formation::external::LawReply;
 use skein_core::formation::{UnsupportedScenario, Workspace};
 use skein_core::helicopter::Script;
 use skein_core::impairments::{StrangerNetwork, SwarmNetwork};
-use skein_core::peers::{Broadcast, Received};
+use skein_core::peers::Broadcast;
 use skein_core::pilot::SimulatedPilot;
 use skein_core::plant::{Command, Controls, Frame, GroundTruth, Measurement, PlantStatus};
 use skein_core::station::{Clocks, Entering, Station};
@@ -146,13 +146,6 @@ impl Vehicle {
     /// Takes the next action on the vehicle that is due now.
     pub(super) fn due(&mut self, now: LocalTime) -> Option<ScriptedAction> {
         self.actions.due(self.clocks().flown_s(now)?)
-    }
-
-    /// Hands the messages of all senders to the station, if the agent runs; the station applies the impairments.
-    pub(super) fn receive(&mut self, now: LocalTime, arriving: impl Iterator<Item = Received>) {
-        if let Some(station) = &mut self.station {
-            station.receive(now, arriving);
-        }
     }
 
     /// The plant's frame under its present failures.

@@ -230,15 +230,7 @@ pub(super) fn effort(flight: &Flight<'_>) -> Drawing {
     let cyclic = smooth(flight);
     let mut above =
         Panel::new(flight.time_axis(), Axis::new("cyclic and pedals (rms)", "share of full").including(0.0));
-    above.items = if flight.is_few() {
-        let line = |index: usize| {
-            let values = flight.over_time(cyclic[index].iter().copied());
-            Item::line(values, Colour::nth(index)).marked(index).at_end(flight.id(index).to_string())
-        };
-        (0..flight.count()).map(line).collect()
-    } else {
-        flight.envelope("vehicles", |sample| cyclic.iter().filter_map(|values| values[sample]).collect())
-    };
+    above.items = flight.lines_of(|index, sample| cyclic[index][sample]);
     let (mut above, marked) = with_marks(flight, above);
     above.place = [0.0, 0.0, 1.0, 0.54];
     let mut below = Panel::new(flight.time_axis(), Axis::new("collective", "share of full"));

@@ -136,7 +136,8 @@ impl Sky {
             let receivers = receiving().fold(VehicleSet::default(), union);
             let waiting = receiving().filter(|&group| distinct[group].0.wanted.is_some());
             let waiting = waiting.fold(VehicleSet::default(), union);
-            for &InAir { id, order, position, velocity, at, bytes } in self.states_in(cell, own) {
+            let states = self.cells.get(&cell).into_iter().flatten().filter(|sent| sent.id.team != own);
+            for &InAir { id, order, position, velocity, at, bytes } in states {
                 let (position, convergence) = origin.locate(&position);
                 let velocity = convergence.velocity_from_local(velocity);
                 received.states.push((StrangerState { id, order, position, velocity, at }, receivers));
@@ -151,11 +152,6 @@ impl Sky {
             }
         }
         received
-    }
-
-    /// The states of other teams in a cell.
-    fn states_in(&self, cell: Cell, own: TeamId) -> impl Iterator<Item = &InAir> {
-        self.cells.get(&cell).into_iter().flatten().filter(move |sent| sent.id.team != own)
     }
 }
 
