@@ -22,7 +22,7 @@ use super::RecordError;
 use super::fleet::{TEAMS, TeamLine, TeamPlaces, VehiclePlace};
 use super::format::{self, EventLine, FaultLine, seconds_since};
 use super::reader::{parse, trace};
-use super::scan::parse_content;
+use super::scan::{PREFIX, parse_content};
 pub use replay::Replay;
 
 /// Size of the largest record that is read, bytes: a damaged length must not allocate all memory.
@@ -34,8 +34,7 @@ const MAX_NOTED: usize = 100_000;
 
 /// A recording that is played.
 pub struct Player {
-    path: PathBuf,
-    file: File,
+    open: OpenFile,
     summary: Summary,
     described: Described,
     /// The release of Skein that recorded the file.
@@ -90,7 +89,7 @@ impl Player {
             return Err(RecordError::NoMcap);
         }
         let summary = read_summary(&mut file).map_err(unreadable)?.ok_or(RecordError::NoIndex)?;
-        let mut open = OpenFile { file: &mut file, path };
+        let mut open = OpenFile { file, path: path.to_owned() };
         let run = open.metadata(&summary, format::RUN)?.ok_or(RecordError::Missing(format::RUN))?;
         let entry = |key: &str| run.get(key).cloned().unwrap_or_default();
         let (version, release) = (entry("format"), entry("version"));
@@ -102,9 +101,8 @@ impl Player {
             .map_err(|fault| RecordError::Scenario(fault.into()).recorded_by(&release))?;
         let begins = open.metadata(&summary, format::BEGINS)?;
         let zero_ns = begins.and_then(|metadata| metadata.get(format::LOG_TIME)?.parse().ok());
-        let path = path.to_owned();
         let (traces, places) = (BTreeMap::new(), BTreeMap::new());
-        let mut player = Self { path, file, summary, described, release, zero_ns: 0, traces, places, at_s: None };
+        let mut player = Self { open, summary, described, release, zero_ns: 0, traces, places, at_s: None };
         player.zero_ns = match zero_ns {
             Some(zero_ns) => zero_ns,
             // The places of a fleet carry the time in the window.
@@ -291,8 +289,7 @@ impl Player {
         while let Some(event) = reader.next_event() {
             match event.map_err(unreadable)? {
                 IndexedReadEvent::ReadChunkRequest { offset, length } => {
-                    let mut open = OpenFile { file: &mut self.file, path: &self.path };
-                    open.read(offset, length, &mut buffer)?;
+                    self.open.read(offset, length, &mut buffer)?;
                     reader.insert_chunk_record_data(offset, &buffer).map_err(unreadable)?;
                 }
                 IndexedReadEvent::Message { header, data } => {
@@ -336,19 +333,19 @@ fn between(places: &[TeamPlaces], at_s: f64) -> Vec<PlayedPlace> {
 }
 
 /// A file with the path for its errors.
-struct OpenFile<'a> {
-    file: &'a mut File,
-    path: &'a Path,
+struct OpenFile {
+    file: File,
+    path: PathBuf,
 }
 
-impl OpenFile<'_> {
+impl OpenFile {
     fn read(&mut self, offset: u64, length: usize, buffer: &mut Vec<u8>) -> Result<(), RecordError> {
         if length > LARGEST_RECORD {
             return Err(unreadable(McapError::BadIndex));
         }
         buffer.resize(length, 0);
         let read = self.file.seek(SeekFrom::Start(offset)).and_then(|_| self.file.read_exact(buffer));
-        read.map_err(|error| RecordError::Io { path: self.path.to_owned(), error })
+        read.map_err(|error| RecordError::Io { path: self.path.clone(), error })
     }
 
     /// The content of the record at this place of the file.
@@ -378,9 +375,6 @@ impl OpenFile<'_> {
         }
     }
 }
-
-/// Size of the prefix of a record, bytes: its kind and its length.
-const PREFIX: usize = 9;
 
 /// Size of the footer and of what ends a file behind it, bytes.
 const FOOTER: u64 = PREFIX as u64 + 20 + MAGIC.len() as u64;

@@ -18,7 +18,7 @@ use super::{RecordError, format};
 /// Size of the largest plausible chunk, bytes: a damaged length must not allocate all memory.
 const LARGEST_CHUNK: usize = 1 << 28;
 /// Size of the prefix of a record, bytes: its kind and its length.
-const PREFIX: usize = 9;
+pub(super) const PREFIX: usize = 9;
 /// Size of the record behind the last chunk, bytes.
 const DATA_END: usize = 4;
 /// Size of a checksum, bytes.
