@@ -233,7 +233,7 @@ fn begin(reach: &Reach, out: &Path) -> Result<Recorder, Error> {
     let loaded = load(&Source { name: &name, text: &text }, &[])
         .map_err(|fault| Error::Scenario { fault: fault.into(), text: text.clone() })?;
     let scenario = &loaded.scenario;
-    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), is_fleet: false };
     Recorder::begin(out, &about, Some(scenario.record.hz.live_hz())).map_err(|error| about_file(out, &[], error))
 }
 

@@ -36,7 +36,7 @@ impl FleetRecorder {
         let scenario = &described.first().scenario;
         let team = scenario.team.ok_or_else(|| Error::Refused("one swarm is not a fleet".to_owned()))?;
         let run = Run::of_all(described.all().iter().map(|team| &team.scenario), "fly");
-        let about = RecordingInfo { scenario, scenario_toml: &described.to_toml(), run: &run, clock: "" };
+        let about = RecordingInfo { scenario, scenario_toml: &described.to_toml(), run: &run, is_fleet: true };
         let file =
             Recorder::begin(path, &about, None).map_err(|error| Error::Failed(format!("no recording: {error}")))?;
         let (origin, period) = (Origin::new(team.origin.geodetic()), Duration::from_secs_f64(1.0 / team.record_hz));

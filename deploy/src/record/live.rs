@@ -43,7 +43,7 @@ type FileWriter = Writer<BufWriter<File>>;
 
 impl Recorder {
     /// Creates the file at `path` and records each vehicle `hz` times a second of its simulator's time, or at every
-    /// step if it steps less often. Without `hz` it is the file of a fleet, which has places, events and faults.
+    /// step if it steps less often. The file of a fleet, which has no steps, needs no `hz`.
     ///
     /// # Errors
     /// If the file exists already or cannot be written.
@@ -52,10 +52,7 @@ impl Recorder {
         let file = File::options().write(true).create_new(true).open(path).map_err(io)?;
         let synced = file.try_clone().map_err(io)?;
         let utc = Utc::read();
-        let about = RecordingInfo { clock: CLOCK, ..*about };
-        let (to, now_ns) = (BufWriter::new(file), utc.nanoseconds(clock::now()));
-        let begin = if hz.is_some() { Writer::begin } else { Writer::begin_fleet };
-        let writer = begin(to, &about, now_ns)?;
+        let writer = Writer::begin(BufWriter::new(file), about, CLOCK, utc.nanoseconds(clock::now()))?;
         let (queue, entries) = sync_channel(QUEUE);
         let thread = thread::Builder::new().name("record".to_owned());
         let (path, dropped) = (path.to_owned(), Arc::new(AtomicU64::new(0)));
@@ -213,11 +210,11 @@ mod tests {
         let full = File::options().write(true).open("/dev/full").unwrap();
         let loaded = ScenarioArgs::default().read(Vec::new()).unwrap();
         let run = skein_lab::metrics::Run::new(&loaded.scenario, "fly");
-        let about = RecordingInfo { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
+        let about = RecordingInfo { scenario: &loaded.scenario, scenario_toml: "", run: &run, is_fleet: false };
         let synced = full.try_clone().unwrap();
         // Everything before the first entries fits into memory.
         let to = BufWriter::with_capacity(1 << 20, full);
-        let writer = Writer::begin(to, &about, 0);
+        let writer = Writer::begin(to, &about, CLOCK, 0);
         let (queue, entries) = sync_channel(QUEUE);
         let writing = thread::spawn(move || write(writer?, &entries, &AtomicU64::new(0), synced, "/dev/full".into()));
         let (rate, dropped) = (Rate::new(50.0), Arc::default());
@@ -240,7 +237,7 @@ mod tests {
         std::fs::write(&path, "precious").unwrap();
         let loaded = ScenarioArgs::default().read(Vec::new()).unwrap();
         let run = skein_lab::metrics::Run::new(&loaded.scenario, "fly");
-        let about = RecordingInfo { scenario: &loaded.scenario, scenario_toml: "", run: &run, clock: "" };
+        let about = RecordingInfo { scenario: &loaded.scenario, scenario_toml: "", run: &run, is_fleet: false };
         assert!(matches!(Recorder::begin(&path, &about, Some(50.0)), Err(RecordError::Io { .. })));
         assert_eq!(std::fs::read(&path).unwrap(), b"precious");
     }

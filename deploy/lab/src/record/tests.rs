@@ -86,8 +86,8 @@ fn mismatch(schema: &Value, value: &Value, path: &str) -> Option<String> {
 fn every_recorded_message_is_as_its_schema_describes() {
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
-    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), is_fleet: false };
+    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, "", 0).unwrap();
     let mut steps = steps();
     // A law's numbers, and what only flights in real time have.
     let last = steps.last_mut().unwrap();
@@ -192,12 +192,12 @@ fn an_event_that_two_recorders_received_counts_once() {
     let folder = tempfile::tempdir().unwrap();
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), is_fleet: false };
     let header = steps()[0].header;
     // The second recorder receives it a little later, and a restarted agent sends the same in another incarnation.
     let received = |life: u64, sequence| Header { incarnation: Incarnation(life), sequence, ..header };
     let recorded = |name: &str, late_ns: u64| {
-        let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+        let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, "", 0).unwrap();
         for (nth, header) in [received(1, 1), received(1, 2), received(2, 1)].iter().enumerate() {
             writer.event(1_000 * nth as u64 + late_ns, header.sender, Some(header), &EventKind::AtAltitude);
         }
@@ -233,8 +233,8 @@ fn topics_name_their_vehicle() {
 fn a_step_with_impossible_numbers_is_counted_and_the_rest_is_there() {
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
-    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), is_fleet: false };
+    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, "", 0).unwrap();
     let steps = steps();
     let mut broken = steps[1].clone();
     broken.height_m = f64::NAN;
@@ -259,8 +259,8 @@ fn a_step_with_impossible_numbers_is_counted_and_the_rest_is_there() {
 fn vehicles_have_a_position_on_the_globe_twice_a_second_and_together() {
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), clock: "" };
-    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "study"), is_fleet: false };
+    let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, "", 0).unwrap();
     let ids = [1, 2].map(|id| VehicleId::new(id).unwrap());
     let step = &steps()[0];
     // Two seconds with 50 steps each; the second vehicle's steps come 10 ms later.
@@ -294,9 +294,9 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
         let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-        let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
+        let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), is_fleet: false };
         let recorded = |name: &str, recorder: u8| {
-            let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, 0).unwrap();
+            let mut writer = Writer::begin(std::io::Cursor::new(Vec::new()), &about, "", 0).unwrap();
             for (nth, (step, _)) in FLOWN.iter().zip(&received).enumerate().filter(|(_, (_, by))| *by & recorder != 0) {
                 writer.step(nth as u64 * 10_000_000, step);
                 if nth % 10 == 0 {

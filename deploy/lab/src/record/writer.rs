@@ -29,8 +29,8 @@ pub struct RecordingInfo<'a> {
     pub scenario_toml: &'a str,
     /// The run: program, seed and target.
     pub run: &'a Run,
-    /// The origin of log times, as text for the reader.
-    pub clock: &'a str,
+    /// Whether the recording is that of a fleet: places of vehicles, events and faults of all teams.
+    pub is_fleet: bool,
 }
 
 /// A recording of a swarm or of a fleet that is being written. The first error stops the writing; [`Writer::finish`]
@@ -48,27 +48,17 @@ pub struct McapFile<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> Writer<W> {
-    /// Begins a recording with the description of the flight. Times of calls through [`Watch`] count from `zero_ns`.
+    /// Begins a recording with the description of the flight. `clock` is the origin of log times, as text for the reader.
+    /// Times of calls through [`Watch`] count from `zero_ns`.
     ///
     /// # Errors
     /// The recording cannot be written.
-    pub fn begin(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
-        Ok(Self::new(McapFile::new(to, about, zero_ns)?, about.scenario)?.drawn())
-    }
-
-    /// Begins the recording of a fleet, as [`Self::begin`] does that of a swarm: places of vehicles, events and faults
-    /// of all teams.
-    ///
-    /// # Errors
-    /// The recording cannot be written.
-    pub fn begin_fleet(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
-        Ok(Self::of_fleet(McapFile::new(to, about, zero_ns)?, about.scenario)?.drawn())
-    }
-
-    fn drawn(mut self) -> Self {
-        self.draw(self.sink.zero_ns);
-        self.flush();
-        self
+    pub fn begin(to: W, about: &RecordingInfo<'_>, clock: &str, zero_ns: u64) -> Result<Self, RecordError> {
+        let begin = if about.is_fleet { Self::of_fleet } else { Self::new };
+        let mut writer = begin(McapFile::new(to, about, clock, zero_ns)?, about.scenario)?;
+        writer.draw(zero_ns);
+        writer.flush();
+        Ok(writer)
     }
 
     /// Records the log time at which the figures' window begins, ns.
@@ -115,9 +105,9 @@ impl<W: Write + Seek> Writer<W> {
 
 impl<W: Write + Seek> McapFile<W> {
     /// Begins a file with the description of the flight.
-    fn new(to: W, about: &RecordingInfo<'_>, zero_ns: u64) -> Result<Self, RecordError> {
+    fn new(to: W, about: &RecordingInfo<'_>, clock: &str, zero_ns: u64) -> Result<Self, RecordError> {
         let mut mcap = options().create(to)?;
-        mcap.write_metadata(&format::record(format::RUN, run_record(about)))?;
+        mcap.write_metadata(&format::record(format::RUN, run_record(about.run, clock)))?;
         mcap.attach(&Attachment {
             log_time: zero_ns,
             create_time: zero_ns,
@@ -179,8 +169,8 @@ impl<W: Write + Seek> Watch for Writer<W> {
     }
 }
 
-fn run_record(about: &RecordingInfo<'_>) -> BTreeMap<String, String> {
-    let Run { scenario, target, seed, version, revision, .. } = about.run;
+fn run_record(run: &Run, clock: &str) -> BTreeMap<String, String> {
+    let Run { scenario, target, seed, version, revision, .. } = run;
     let entries = [
         ("format", format::FORMAT.to_owned()),
         ("scenario", scenario.clone()),
@@ -188,7 +178,7 @@ fn run_record(about: &RecordingInfo<'_>) -> BTreeMap<String, String> {
         ("seed", seed.to_string()),
         ("version", version.clone()),
         ("revision", revision.clone()),
-        ("clock", about.clock.to_owned()),
+        ("clock", clock.to_owned()),
     ];
     entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }

@@ -91,8 +91,9 @@ impl FleetFlight {
         let longest_s = study.teams.iter().map(|team| longest_s(&team.scenario)).fold(0.0, f64::max);
         let run = Run::of_all(study.teams.iter().map(|team| &team.scenario), "study");
         let recorder = recording.map(|recording| {
-            let about = RecordingInfo { scenario: first, scenario_toml: recording.scenario_toml, run: &run, clock: "" };
-            RunRecorder::begin(&recording.folder.join(record::FLEET_FILE), &about, true)
+            let (scenario, scenario_toml) = (first, recording.scenario_toml);
+            let about = RecordingInfo { scenario, scenario_toml, run: &run, is_fleet: true };
+            RunRecorder::begin(&recording.folder.join(record::FLEET_FILE), &about)
         });
         let recorder = recorder.transpose()?;
         let record_hz = first.team.map_or(1.0, |fleet| fleet.record_hz);

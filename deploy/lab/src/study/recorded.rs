@@ -75,18 +75,16 @@ pub(super) struct RunRecorder {
 }
 
 impl RunRecorder {
-    /// Begins a recording at `path`, of a swarm, or with `is_fleet` of a fleet.
+    /// Begins a recording at `path`.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(super) fn begin(path: &Path, about: &RecordingInfo<'_>, is_fleet: bool) -> Result<Self, RecordError> {
-        let about = RecordingInfo { clock: CLOCK, ..*about };
+    pub(super) fn begin(path: &Path, about: &RecordingInfo<'_>) -> Result<Self, RecordError> {
         let draft = Draft::new(path);
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(|error| draft.error(error))?;
         }
-        let to = BufWriter::new(draft.create()?);
-        let mut writer = if is_fleet { Writer::begin_fleet(to, &about, 0)? } else { Writer::begin(to, &about, 0)? };
+        let mut writer = Writer::begin(BufWriter::new(draft.create()?), about, CLOCK, 0)?;
         writer.window_begins(0);
         Ok(Self { writer, draft })
     }
@@ -111,8 +109,8 @@ impl RunRecorder {
 pub fn record_run(study: &Study, seed: u64, as_flown: &str, path: &Path) -> Result<Report, StudyError> {
     let scenario = Scenario { seed, ..study.scenario.clone() };
     let run = Run::new(&scenario, "study");
-    let about = RecordingInfo { scenario: &scenario, scenario_toml: as_flown, run: &run, clock: "" };
-    let mut recorder = RunRecorder::begin(path, &about, false)?;
+    let about = RecordingInfo { scenario: &scenario, scenario_toml: as_flown, run: &run, is_fleet: false };
+    let mut recorder = RunRecorder::begin(path, &about)?;
     let report = study.fly_watched(seed, Some((&mut recorder.writer, scenario.record.hz.in_study_hz())))?;
     recorder.finish(report.duration_s)?;
     Ok(report)

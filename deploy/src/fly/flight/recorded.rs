@@ -47,7 +47,7 @@ pub(super) fn recorder(plan: &Plan) -> Result<Option<Recorder>, Error> {
         return Ok(None);
     }
     let (run, path) = (Run::new(scenario, "fly"), plan.out.join(record::FILE));
-    let about = RecordingInfo { scenario, scenario_toml: &plan.loaded.to_toml(), run: &run, clock: "" };
+    let about = RecordingInfo { scenario, scenario_toml: &plan.loaded.to_toml(), run: &run, is_fleet: false };
     let recorder = Recorder::begin(&path, &about, Some(scenario.record.hz.live_hz()));
     recorder.map(Some).map_err(|error| Error::Failed(format!("no recording: {error}")))
 }

@@ -14,8 +14,8 @@ use crate::metrics::Run;
 pub(in super::super) fn fleet_writer(path: &Path, text: &str) -> Writer<File> {
     let described = load_any(&Source { name: "fleet.toml", text }, &[]).unwrap();
     let scenario = &described.first().scenario;
-    let about = RecordingInfo { scenario, scenario_toml: text, run: &Run::default(), clock: "" };
-    Writer::begin_fleet(File::create_new(path).unwrap(), &about, 0).unwrap()
+    let about = RecordingInfo { scenario, scenario_toml: text, run: &Run::default(), is_fleet: true };
+    Writer::begin(File::create_new(path).unwrap(), &about, "", 0).unwrap()
 }
 
 #[test]

@@ -22,8 +22,8 @@ fn recording(zero_ns: u64) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let loaded = ScenarioArgs::default().read(vec!["swarm.vehicles=2".to_owned()]).unwrap();
     let (scenario, text) = (&loaded.scenario, loaded.to_toml());
-    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), clock: "" };
-    let mut writer = Writer::begin(Cursor::new(Vec::new()), &about, zero_ns).unwrap();
+    let about = RecordingInfo { scenario, scenario_toml: &text, run: &Run::new(scenario, "fly"), is_fleet: false };
+    let mut writer = Writer::begin(Cursor::new(Vec::new()), &about, "", zero_ns).unwrap();
     writer.window_begins(zero_ns);
     let steps = steps();
     let begins = steps[0].plant_time;

@@ -105,8 +105,8 @@ impl Team {
         let chosen = recording.filter(|_| scenario.team.is_some_and(|team| team.is_recorded));
         let recorder = chosen.map(|(folder, scenario_toml)| {
             let path = folder.join("teams").join(id.to_string()).join(record::FILE);
-            let about = RecordingInfo { scenario, scenario_toml, run: &Run::new(scenario, "study"), clock: "" };
-            RunRecorder::begin(&path, &about, false).map(|file| (file, scenario.record.hz.in_study_hz()))
+            let about = RecordingInfo { scenario, scenario_toml, run: &Run::new(scenario, "study"), is_fleet: false };
+            RunRecorder::begin(&path, &about).map(|file| (file, scenario.record.hz.in_study_hz()))
         });
         let recorder = recorder.transpose()?;
         let flight = SeedFlight::new(study, scenario.seed)?;
