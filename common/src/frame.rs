@@ -249,7 +249,8 @@ impl Origin {
         let sin = -(sin_0 + sin_lat) * sin_lon;
         let cos = (1.0 + sin_0 * sin_lat) * cos_lon + cos_0 * cos_lat;
         // On the other side of the Earth every direction is north.
-        if sin == 0.0 && cos == 0.0 { Convergence::default() } else { Convergence::from(unit(sin, cos)) }
+        let (sin, cos) = if sin == 0.0 && cos == 0.0 { (0.0, 1.0) } else { unit(sin, cos) };
+        Convergence { sin, cos }
     }
 }
 
@@ -262,19 +263,6 @@ impl Origin {
 pub struct Convergence {
     sin: f64,
     cos: f64,
-}
-
-impl Default for Convergence {
-    fn default() -> Self {
-        Self { sin: 0.0, cos: 1.0 }
-    }
-}
-
-impl From<(f64, f64)> for Convergence {
-    /// The angle with this sine and cosine.
-    fn from((sin, cos): (f64, f64)) -> Self {
-        Self { sin, cos }
-    }
 }
 
 impl Convergence {

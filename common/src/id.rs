@@ -363,13 +363,7 @@ impl std::str::FromStr for VehicleSet {
 
 impl fmt::Display for VehicleSet {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (nth, id) in self.iter().enumerate() {
-            if nth > 0 {
-                f.write_str(", ")?;
-            }
-            write!(f, "{id}")?;
-        }
-        Ok(())
+        f.write_str(&self.iter().map(|id| id.to_string()).collect::<Vec<_>>().join(", "))
     }
 }
 
