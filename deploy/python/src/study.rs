@@ -123,17 +123,14 @@ fn args(py: Python<'_>, wanted: &Wanted) -> PyResult<StudyArgs> {
         wanted.sweeps.iter().map(|text| text.parse().map_err(|why| refused(py, format!("sweep {text}: {why}"))));
     Ok(StudyArgs {
         scenario: ScenarioArgs { scenario: wanted.scenario.clone(), sets: wanted.sets.clone() },
-        seed: None,
         seeds: wanted.seeds.map(|(from, to)| from..to),
         sweep: sweep.collect::<PyResult<_>>()?,
         points: wanted.points,
         jobs: wanted.jobs.and_then(NonZeroUsize::new),
-        law_timeout: None,
         threads: wanted.threads.and_then(NonZeroUsize::new),
         out: Some(wanted.out.clone()),
         no_record: !wanted.is_recorded,
-        all: false,
-        json: false,
+        ..StudyArgs::default()
     })
 }
 

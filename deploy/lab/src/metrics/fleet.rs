@@ -9,7 +9,7 @@ use super::traffic::VehicleTraffic;
 use super::{Direction, Measured, Run, Wall};
 
 /// Figures that add up over teams.
-const SUMS: [&str; 12] = [
+const SUMS: [&str; 11] = [
     "collisions",
     "crashes",
     "safety_activations",
@@ -21,7 +21,6 @@ const SUMS: [&str; 12] = [
     "state_bytes",
     "frame_overruns",
     "law_misses",
-    "never",
 ];
 
 /// The figures that are numbers.

@@ -12,6 +12,7 @@ use skein_common::message::TRACE_COLUMNS;
 
 use super::reader::{FullRecording, read_all};
 use super::{Draft, RecordError, format};
+use crate::metrics::spelling;
 use crate::recording::{NotedKind, Recording, Step};
 
 /// Writes `trace.csv`, `peers.csv`, `laws.csv` and `events.csv` of a recording into a folder and returns their paths.
@@ -64,7 +65,7 @@ fn peers(to: &mut Writer<File>, recording: &Recording) -> csv::Result<()> {
     to.write_record(["t_s", "vehicle", "peer", "standing", "age_s", "delay_s", "delivered_age_s"])?;
     for Step { t_s, trace } in steps(recording) {
         for peer in &trace.peers {
-            let (vehicle, standing) = (trace.header.sender.to_string(), format::spelling(&peer.standing));
+            let (vehicle, standing) = (trace.header.sender.to_string(), spelling(&peer.standing));
             let ages = [peer.age_s.to_string(), number(peer.delay_s), peer.delivered_age_s.to_string()];
             to.write_record([t_s.to_string(), vehicle, peer.id.to_string(), standing].iter().chain(&ages))?;
         }

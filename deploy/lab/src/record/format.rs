@@ -11,7 +11,6 @@ use skein_common::id::{Incarnation, VehicleId};
 use skein_common::message::EventKind;
 
 use crate::faults::InjectedFault;
-pub(super) use crate::metrics::spelling;
 use crate::recording::Lacks;
 
 /// Version of the format; a change that older programs cannot read increases it.

@@ -16,7 +16,7 @@ use crate::scenario::{ScenarioArgs, quoted};
 use crate::terminal::{say, what_next};
 
 /// `skein study`
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 #[command(
     after_help = "Examples:\n  skein study --seeds 0..20 --out my-study\n  skein study --seed 3 --set duration_s=100 --all\n  skein study --seeds 0..10 --sweep network.loss=0,0.1,0.3"
 )]

@@ -32,10 +32,8 @@ const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
 /// The contact of a receiver with a sender during one column of the raster, from the best to the worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Contact {
-    /// Its newest state is younger than this limit of [`AGES_S`].
-    Younger(usize),
-    /// Its newest state is older than all limits.
-    Older,
+    /// Its newest state is younger than this limit of [`AGES_S`], or older than all of them.
+    Received(usize),
     /// Contact is lost, or was never made, because the sender's agent does not run or has left the swarm.
     Gone,
     /// Contact is lost or was never made although the sender is in the swarm.
@@ -69,10 +67,9 @@ fn contact_at(flight: &Flight<'_>, sample: usize, receiver: usize, sender: usize
     let id = flight.id(sender);
     let peer = trace.peers.iter().find(|peer| peer.id == id && peer.standing != PeerStatus::Lost);
     Some(match peer {
-        Some(peer) => match AGES_S.iter().position(|limit_s| peer.age_s <= *limit_s) {
-            Some(limit) => Contact::Younger(limit),
-            None => Contact::Older,
-        },
+        Some(peer) => {
+            Contact::Received(AGES_S.iter().position(|limit_s| peer.age_s <= *limit_s).unwrap_or(AGES_S.len()))
+        }
         None if has_gone(flight, sample, sender) => Contact::Gone,
         None => Contact::Lost,
     })
@@ -160,8 +157,7 @@ fn by_pairs(flight: &Flight<'_>) -> (Panel, String) {
     let shade_of = |&(receiver, sender): &(usize, usize), samples: &Range<usize>| {
         let worst = samples.clone().filter_map(|sample| contact_at(flight, sample, receiver, sender)).max()?;
         Some(match worst {
-            Contact::Younger(limit) => limit,
-            Contact::Older => AGES_S.len(),
+            Contact::Received(limit) => limit,
             Contact::Gone => AGES_S.len() + 1,
             Contact::Lost => AGES_S.len() + 2,
         })
