@@ -348,7 +348,7 @@ fn the_larger_order_wins() {
         one.order(order);
     }
     assert_eq!(one.take_events(), [EventKind::OrderTaken(HOLD), EventKind::OrderTaken(LAND)]);
-    assert_eq!(one.mission.orders.largest(), Some(LAND));
+    assert_eq!(one.mission.orders.to_swarm(), Some(LAND));
 }
 
 #[test]
@@ -388,7 +388,7 @@ fn orders_spread_among_peers_with_the_same_plan() {
         one.mission.take_report(&report(&heartbeat), &mut one.events);
     }
     assert_eq!(one.take_events(), [EventKind::PlanDiffers(id(2))], "reported once");
-    assert_eq!(one.mission.orders.largest(), None, "an order of another plan is ignored");
+    assert_eq!(one.mission.orders.to_swarm(), None, "an order of another plan is ignored");
     for heartbeat in [friend, friend] {
         one.mission.take_report(&report(&heartbeat), &mut one.events);
     }

@@ -92,11 +92,6 @@ impl StandingOrders {
         self.swarm
     }
 
-    /// The largest order of all that vehicles obey, settings excluded.
-    pub fn largest(&self) -> Option<Order> {
-        self.swarm.max(self.named.first().copied())
-    }
-
     /// All orders: the swarm's first, then those that name vehicles, from the largest to the smallest, then the settings by key.
     pub fn iter(&self) -> impl Iterator<Item = Order> {
         let settings = self.settings.iter().map(|(_, order)| *order);
@@ -157,7 +152,7 @@ mod tests {
         assert!(orders.merge(order(4, Verb::Hold, &[])), "to the whole swarm");
         assert_eq!(verbs(&orders), [Some(Verb::Hold); 4]);
         assert!(!orders.merge(order(2, Verb::Land, &[])) && orders.contain(&all[0]));
-        assert_eq!((orders.len(), orders.largest()), (4, Some(order(4, Verb::Hold, &[]))));
+        assert_eq!((orders.len(), orders.to_swarm()), (4, Some(order(4, Verb::Hold, &[]))));
     }
 
     #[test]
