@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 
 use skein_common::statistics::median;
 use skein_lab::metrics::Measured;
+use skein_lab::study::fly_fleet;
 
 use crate::{fleet, in_parallel};
 
@@ -54,8 +55,8 @@ pub fn table(seeds: u64) -> String {
     for (name, change) in cases() {
         let text = file(&change);
         let flown = in_parallel(0..seeds, |seed| {
-            let (report, _) =
-                fleet(&text, &[format!("seed={seed}")]).fly(NonZeroUsize::MIN, None).expect("a fleet that flies");
+            let teams = fleet(&text, &[format!("seed={seed}")]);
+            let (report, _) = fly_fleet(&teams, NonZeroUsize::MIN, None).expect("a fleet that flies");
             let measured = Measured::of(&report);
             ["collisions", "setpoints_reached", "across_separation_m"]
                 .map(|key| measured.value(key).unwrap_or(f64::NAN))

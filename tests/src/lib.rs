@@ -40,7 +40,7 @@ use skein_core::aircraft::Aircraft;
 use skein_core::control::Rules;
 use skein_lab::external::LawPool;
 use skein_lab::metrics::AIRBORNE_ABOVE_M;
-use skein_lab::study::{self, FleetStudy, Study};
+use skein_lab::study::{self, Study};
 use skein_lab::world::World;
 
 /// The shipped scenarios, by name.
@@ -85,14 +85,13 @@ pub fn of_scenario(scenario: Scenario) -> Study {
     }
 }
 
-/// A study of a fleet's file with these keys set, and the shipped aircraft and rules.
+/// The studies of the teams of a fleet's file with these keys set, and the shipped aircraft and rules.
 ///
 /// # Panics
 /// If the text does not describe a fleet.
-pub fn fleet(text: &str, sets: &[String]) -> FleetStudy {
+pub fn fleet(text: &str, sets: &[String]) -> Vec<Study> {
     let described = load_any(&Source { name: "fleet.toml", text }, sets).expect("a valid fleet");
-    let teams = described.all().iter().map(|team| of_scenario(team.scenario.clone())).collect();
-    FleetStudy { teams }
+    described.all().iter().map(|team| of_scenario(team.scenario.clone())).collect()
 }
 
 /// Every pair of airborne vehicles, the smaller id first, with its distance, m.

@@ -34,7 +34,7 @@ use crate::recording::Watch;
 use crate::world::{World, WorldError};
 pub use batch::{Batch, Pilot, Replaced};
 pub use command::{StudyArgs, run, seed};
-pub use fleet::{FleetRecording, FleetStudy};
+pub use fleet::{FleetRecording, fly_fleet};
 use flight::{SeedFlight, fly_side_by_side};
 pub use planned::{FlownStudy, Progress, fly_planned, write_results};
 pub use recorded::record_run;

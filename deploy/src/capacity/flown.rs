@@ -9,7 +9,7 @@ use skein_lab::error::Error;
 use skein_lab::external::LawPool;
 use skein_lab::metrics::{TRAFFIC_FILE, VehicleTraffic, read_traffic};
 use skein_lab::scenario::ScenarioArgs;
-use skein_lab::study::{FleetStudy, Study};
+use skein_lab::study::{Study, fly_fleet};
 
 /// A fleet in which the nine cells of most vehicles are occupied: 16 vehicles on each square kilometre.
 const FLEET: Source<'_> = Source {
@@ -91,7 +91,7 @@ impl FlownFleet {
             teams.len(),
             first.swarm.vehicles
         );
-        let report = FleetStudy { teams }.fly(NonZeroUsize::MIN, None);
+        let report = fly_fleet(&teams, NonZeroUsize::MIN, None);
         let (report, _) = report.map_err(|error| failed(error.to_string()))?;
         Self::of(flight, &report.traffic).ok_or_else(|| failed("no vehicle flew".to_owned()))
     }

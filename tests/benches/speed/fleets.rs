@@ -2,6 +2,7 @@
 
 use std::num::NonZeroUsize;
 
+use skein_lab::study::fly_fleet;
 use skein_tests::fleet;
 
 use crate::virtual_time::{SEED, peak_kb_of, print_peak_kb};
@@ -24,10 +25,10 @@ fn keys(teams: usize, network: &[&str]) -> Vec<String> {
 
 /// Flies `fleet.toml` with these keys, in one thread and without a recording; the number of vehicles.
 fn fly(sets: &[String]) -> usize {
-    let study = fleet(include_str!("../../../deploy/scenarios/fleet.toml"), sets);
-    let (_, recorded) = study.fly(NonZeroUsize::MIN, None).expect("the fleet flies");
+    let teams = fleet(include_str!("../../../deploy/scenarios/fleet.toml"), sets);
+    let (_, recorded) = fly_fleet(&teams, NonZeroUsize::MIN, None).expect("the fleet flies");
     recorded.expect("nothing is recorded");
-    study.teams.iter().map(|team| team.scenario.swarm.vehicles).sum()
+    teams.iter().map(|team| team.scenario.swarm.vehicles).sum()
 }
 
 /// Flies with these keys and prints the peak resident memory of this process, kB.

@@ -11,6 +11,7 @@ use skein_common::scenario::{Scenario, Source, load};
 use skein_common::state::Membership;
 use skein_lab::metrics::{Measured, Run};
 use skein_lab::recording::Recording;
+use skein_lab::study::fly_fleet;
 use skein_tests::wire::{Frames, Swarm};
 use skein_tests::{fleet, in_parallel, of_scenario};
 
@@ -163,7 +164,8 @@ const WIDE: &str = "name = 'wide'\nduration_s = 420\n[fleet]\nteams = 2\npattern
 #[test]
 fn teams_of_a_fleet_50_km_wide_meet_at_one_height_and_take_turns() {
     let flown = |text: &str| {
-        let measured = Measured::of(&fleet(text, &["seed=3".to_owned()]).fly(NonZeroUsize::MIN, None).unwrap().0);
+        let teams = fleet(text, &["seed=3".to_owned()]);
+        let measured = Measured::of(&fly_fleet(&teams, NonZeroUsize::MIN, None).unwrap().0);
         move |key: &str| measured.figures[key].unwrap()
     };
     let wide = flown(WIDE);

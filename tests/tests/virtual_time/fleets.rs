@@ -5,11 +5,11 @@ use std::num::NonZeroUsize;
 use skein_common::id::TeamId;
 use skein_lab::metrics::{FleetReport, Measured};
 use skein_lab::record::{self, TeamPlaces};
-use skein_lab::study::FleetRecording;
+use skein_lab::study::{FleetRecording, fly_fleet};
 use skein_tests::fleet;
 
 fn fly(text: &str, threads: usize) -> FleetReport {
-    fleet(text, &["seed=3".to_owned()]).fly(NonZeroUsize::new(threads).unwrap(), None).unwrap().0
+    fly_fleet(&fleet(text, &["seed=3".to_owned()]), NonZeroUsize::new(threads).unwrap(), None).unwrap().0
 }
 
 fn figure(report: &FleetReport, key: &str) -> f64 {
@@ -53,9 +53,9 @@ fn in_second_step(places: &[TeamPlaces], team: u16) -> (f64, f64) {
 #[test]
 fn two_teams_take_the_same_place_one_after_the_other_the_lower_first() {
     let folder = tempfile::tempdir().unwrap();
-    let study = fleet(SAME_PLACE, &["seed=1".to_owned()]);
+    let teams = fleet(SAME_PLACE, &["seed=1".to_owned()]);
     let recording = FleetRecording { folder: folder.path(), scenario_toml: SAME_PLACE, teams_toml: &[] };
-    let (report, recorded) = study.fly(NonZeroUsize::MIN, Some(&recording)).unwrap();
+    let (report, recorded) = fly_fleet(&teams, NonZeroUsize::MIN, Some(&recording)).unwrap();
     recorded.unwrap();
     assert_eq!((figure(&report, "collisions"), figure(&report, "setpoints_reached")), (0.0, 3.0));
     let places = record::read_fleet(&folder.path().join(record::FLEET_FILE)).unwrap().places;
@@ -127,6 +127,6 @@ fn an_isolated_team_receives_nothing_and_is_not_received() {
 #[test]
 fn the_shipped_fleet_has_64_teams_of_16() {
     let text = include_str!("../../../deploy/scenarios/fleet.toml");
-    let study = fleet(text, &["seed=1".to_owned()]);
-    assert_eq!(study.teams.iter().map(|team| team.scenario.swarm.vehicles).collect::<Vec<_>>(), [16; 64]);
+    let teams = fleet(text, &["seed=1".to_owned()]);
+    assert_eq!(teams.iter().map(|team| team.scenario.swarm.vehicles).collect::<Vec<_>>(), [16; 64]);
 }

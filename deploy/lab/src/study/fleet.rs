@@ -26,14 +26,6 @@ use team::{Team, TeamReport};
 /// more, because each round brings a team's memory into the cache once.
 const ROUND_TICKS: u64 = 10;
 
-/// The teams of a study of a fleet, shared by all seeds.
-#[derive(Debug)]
-pub struct FleetStudy {
-    /// The study of each team, in order. Their scenarios have [`Scenario::team`](skein_common::scenario::Scenario::team),
-    /// with the fleet's seed and origin, and seeds that follow from it.
-    pub teams: Vec<Study>,
-}
-
 /// The folder for the recording of a fleet's flight, and the scenario files that go into it.
 #[derive(Clone, Copy, Debug)]
 pub struct FleetRecording<'a> {
@@ -45,19 +37,20 @@ pub struct FleetRecording<'a> {
     pub teams_toml: &'a [String],
 }
 
-impl FleetStudy {
-    /// Flies the fleet from the ground to the end of the longest team's window, or until all missions have ended, in this
-    /// many threads.
-    ///
-    /// # Errors
-    /// If a scenario cannot be flown, a vehicle does not join, or the recording cannot begin.
-    pub fn fly(
-        &self,
-        threads: NonZeroUsize,
-        recording: Option<&FleetRecording<'_>>,
-    ) -> Result<(FleetReport, Result<(), RecordError>), StudyError> {
-        FleetFlight::new(self, recording)?.fly(threads)
-    }
+/// Flies a fleet from the ground to the end of the longest team's window, or until all missions have ended, in this many
+/// threads.
+///
+/// `teams` has the study of each team, in order. Their scenarios have
+/// [`Scenario::team`](skein_common::scenario::Scenario::team), with the fleet's seed and origin, and seeds that follow from it.
+///
+/// # Errors
+/// If a scenario cannot be flown, a vehicle does not join, or the recording cannot begin.
+pub fn fly_fleet(
+    teams: &[Study],
+    threads: NonZeroUsize,
+    recording: Option<&FleetRecording<'_>>,
+) -> Result<(FleetReport, Result<(), RecordError>), StudyError> {
+    FleetFlight::new(teams, recording)?.fly(threads)
 }
 
 /// One flight of a fleet, from the ground to the end.
@@ -80,16 +73,16 @@ struct FleetFlight {
 }
 
 impl FleetFlight {
-    fn new(study: &FleetStudy, recording: Option<&FleetRecording<'_>>) -> Result<Self, StudyError> {
-        let mut teams = Vec::with_capacity(study.teams.len());
-        for (nth, team) in study.teams.iter().enumerate() {
+    fn new(studies: &[Study], recording: Option<&FleetRecording<'_>>) -> Result<Self, StudyError> {
+        let mut teams = Vec::with_capacity(studies.len());
+        for (nth, team) in studies.iter().enumerate() {
             let toml = recording.and_then(|recording| Some((recording.folder, recording.teams_toml.get(nth)?)));
             teams.push(Team::new(team, toml)?);
         }
-        let first = &study.teams.first().ok_or(StudyError::NeverActive)?.scenario;
+        let first = &studies.first().ok_or(StudyError::NeverActive)?.scenario;
         let origin = Origin::new(first.team.map_or(first.origin, |fleet| fleet.origin).geodetic());
-        let longest_s = study.teams.iter().map(|team| longest_s(&team.scenario)).fold(0.0, f64::max);
-        let run = Run::of_all(study.teams.iter().map(|team| &team.scenario), "study");
+        let longest_s = studies.iter().map(|team| longest_s(&team.scenario)).fold(0.0, f64::max);
+        let run = Run::of_all(studies.iter().map(|team| &team.scenario), "study");
         let recorder = recording.map(|recording| {
             let (scenario, scenario_toml) = (first, recording.scenario_toml);
             let about = RecordingInfo { scenario, scenario_toml, run: &run, is_fleet: true };

@@ -11,7 +11,7 @@ use skein_common::scenario::{Described, RecordRuns};
 use skein_core::aircraft::Aircraft;
 
 use super::super::flight::SeedFlight;
-use super::super::{FleetRecording, FleetStudy, Study, StudyError};
+use super::super::{FleetRecording, Study, StudyError, fly_fleet};
 use super::{Plan, differ_only_in_place, read_text};
 use crate::error::Error;
 use crate::metrics::{Measured, Report, TRAFFIC_FILE, traffic_csv};
@@ -90,12 +90,12 @@ impl PlannedRun<'_> {
     ) -> Result<(Measured, Result<(), Error>), Error> {
         self.remove_unfinished();
         let (teams, files) = self.ready()?;
-        let (study, folder) = (FleetStudy { teams }, self.folder());
+        let (folder, threads) = (self.folder(), self.plan.threads.unwrap_or(idle));
         let recording = FleetRecording { folder: &folder, scenario_toml: &files.scenario, teams_toml: &files.teams };
-        let is_recorded = is_recorded && study.teams.iter().any(|team| team.scenario.record.runs != RecordRuns::None);
-        let flown = study.fly(self.plan.threads.unwrap_or(idle), is_recorded.then_some(&recording));
+        let is_recorded = is_recorded && teams.iter().any(|team| team.scenario.record.runs != RecordRuns::None);
+        let flown = fly_fleet(&teams, threads, is_recorded.then_some(&recording));
         let (report, recorded) = flown.map_err(|error| self.failed(error))?;
-        drop(study);
+        drop(teams);
         write(&folder.join("teams.csv"), report.teams_csv())?;
         write(&folder.join(TRAFFIC_FILE), traffic_csv(&report.traffic))?;
         self.write(&files, &report)?;
