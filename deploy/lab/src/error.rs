@@ -1,10 +1,9 @@
 //! The errors that end a command: each is reported once, with the exit status that scripts rely on.
 
 use std::io;
-use std::ops::Range;
 use std::process::ExitCode;
 
-use miette::{Diagnostic, GraphicalReportHandler, NamedSource};
+use miette::{GraphicalReportHandler, LabeledSpan, MietteDiagnostic, NamedSource, Report};
 use skein_common::scenario::ScenarioError;
 
 /// The reason why a command failed.
@@ -50,29 +49,14 @@ impl Error {
     /// The line of the file with the error marked, if a file is invalid.
     fn drawn(&self) -> Option<String> {
         let Self::Scenario { fault, text } = self else { return None };
-        let marked = Marked {
-            message: fault.message.to_string(),
-            help: fault.help.as_ref().map(ToString::to_string),
-            span: fault.span.clone()?,
-            text: NamedSource::new(&*fault.file, text.clone()),
-        };
+        let label = LabeledSpan::at(fault.span.clone()?, "here");
+        let mut marked = MietteDiagnostic::new(&*fault.message).with_label(label);
+        marked.help = fault.help.as_ref().map(ToString::to_string);
+        let marked = Report::new(marked).with_source_code(NamedSource::new(&*fault.file, text.clone()));
         let mut drawn = String::new();
-        GraphicalReportHandler::new().render_report(&mut drawn, &marked).ok()?;
+        GraphicalReportHandler::new().render_report(&mut drawn, &*marked).ok()?;
         Some(drawn)
     }
-}
-
-/// An error together with the text of its file, for miette.
-#[derive(Debug, thiserror::Error, Diagnostic)]
-#[error("{message}")]
-struct Marked {
-    message: String,
-    #[help]
-    help: Option<String>,
-    #[label("here")]
-    span: Range<usize>,
-    #[source_code]
-    text: NamedSource<String>,
 }
 
 #[cfg(test)]
