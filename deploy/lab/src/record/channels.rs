@@ -223,25 +223,22 @@ impl<S: Sink> Channels<S> {
         }
     }
 
-    /// The number of this channel, if it has a reader. A vehicle outside this swarm has no channel.
-    fn read(&self, topic: &str) -> Option<u16> {
-        self.numbers.get(topic).copied().filter(|channel| self.sink.is_read(*channel))
-    }
-
     fn put_json(&mut self, topic: &str, log_time_ns: u64, message: &impl Serialize) {
-        let Some(channel) = self.read(topic) else { return };
-        self.bytes.clear();
         // Our messages are structs of finite numbers and texts: serialising them cannot fail.
-        if serde_json::to_writer(&mut self.bytes, message).is_ok() {
-            self.sink.put(channel, log_time_ns, &self.bytes);
-        }
+        self.put(topic, log_time_ns, |bytes| serde_json::to_writer(bytes, message).is_ok());
     }
 
     fn put_foxglove<M: Encode>(&mut self, topic: &str, log_time_ns: u64, message: impl FnOnce() -> M) {
-        let Some(channel) = self.read(topic) else { return };
-        self.bytes.clear();
         // Encoding into growing memory cannot fail.
-        if message().encode(&mut self.bytes).is_ok() {
+        self.put(topic, log_time_ns, |bytes| message().encode(bytes).is_ok());
+    }
+
+    /// Puts what `encode` writes into this channel, if that has a reader. A vehicle outside this swarm has no channel.
+    fn put(&mut self, topic: &str, log_time_ns: u64, encode: impl FnOnce(&mut Vec<u8>) -> bool) {
+        let channel = self.numbers.get(topic).copied().filter(|channel| self.sink.is_read(*channel));
+        let Some(channel) = channel else { return };
+        self.bytes.clear();
+        if encode(&mut self.bytes) {
             self.sink.put(channel, log_time_ns, &self.bytes);
         }
     }

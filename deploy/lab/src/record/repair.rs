@@ -42,10 +42,7 @@ pub fn repair(path: &Path) -> Result<Repaired, RecordError> {
         Ok(())
     };
     let Found { is_whole, damaged, left_over, .. } = scan(&bytes, count).map_err(|error| error.reading(path))?;
-    let to = match is_whole {
-        true => None,
-        false => Some(write(&bytes, path)?),
-    };
+    let to = (!is_whole).then(|| write(&bytes, path)).transpose()?;
     Ok(Repaired { to, messages, span_ns: last_ns.saturating_sub(first_ns), damaged, left_over })
 }
 
