@@ -15,7 +15,7 @@ use crate::compare::folder::unreadable;
 use crate::error::Error;
 use crate::metrics::{Measured, Run};
 use crate::recording::Recording;
-use crate::scenario::ScenarioArgs;
+use crate::scenario::{Ready, ScenarioArgs};
 use crate::study::{Study, summarize};
 
 /// Seeds over which the tables of figures are measured.
@@ -51,13 +51,8 @@ pub(super) fn page(folder: &Path, scenarios: &[PathBuf]) -> Result<Page, Error> 
     for path in scenarios {
         let args = ScenarioArgs { scenario: Some(path.clone()), sets: Vec::new() };
         let loaded = args.read(Vec::new())?;
-        let ready = args.ready(&loaded.scenario)?;
-        let study = Study {
-            scenario: loaded.scenario.clone(),
-            aircraft: ready.aircraft,
-            rules: ready.rules,
-            laws: Default::default(),
-        };
+        let Ready { aircraft, rules, .. } = args.ready(&loaded.scenario)?;
+        let study = Study { scenario: loaded.scenario.clone(), aircraft, rules, laws: Default::default() };
         all.push((path, loaded, study));
     }
     let is_paper = all.iter().all(|(_, loaded, _)| loaded.scenario.preset == Preset::Paper);
