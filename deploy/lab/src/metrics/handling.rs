@@ -99,17 +99,6 @@ impl Handling {
             stick_saturation: of_samples(saturation),
         }
     }
-
-    /// The largest of each figure over all vehicles.
-    pub(super) fn worst(&self, t_s: f64) -> HandlingFigures {
-        let all = (0..self.vehicles.len()).map(|nth| self.figures(nth, t_s));
-        let larger = |one: Option<f64>, other: Option<f64>| one.into_iter().chain(other).reduce(f64::max);
-        all.fold(HandlingFigures::default(), |worst, one| HandlingFigures {
-            heading_error_rms_deg: larger(worst.heading_error_rms_deg, one.heading_error_rms_deg),
-            max_turn_rate_deg_s: larger(worst.max_turn_rate_deg_s, one.max_turn_rate_deg_s),
-            stick_saturation: larger(worst.stick_saturation, one.stick_saturation),
-        })
-    }
 }
 
 impl Handled {
@@ -173,7 +162,6 @@ mod tests {
             let (heading_deg, yaw) = of(t_s);
             handling.observe(t_s, &[at(heading_deg, yaw)]);
         }
-        assert_eq!(handling.worst(f64::from(duration_s)), handling.figures(0, f64::from(duration_s)));
         handling.figures(0, f64::from(duration_s))
     }
 

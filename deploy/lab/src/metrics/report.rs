@@ -23,9 +23,9 @@ impl Metrics {
         let extremes_of = |column: Column| extremes(self.series.values(column, since_s));
         let vehicle = self.vehicles(steady);
         let oscillations_m = vehicle.values().filter_map(|vehicle| vehicle.oscillation_m);
+        let worst = |figure: fn(&VehicleReport) -> Option<f64>| vehicle.values().filter_map(figure).reduce(f64::max);
         let settled_s = self.settling.map(|settling| settling.since_s);
         let [at_altitude_s, in_band_s, even_10deg_s, even_5deg_s] = settled_s;
-        let handling = self.handling.worst(self.t_s);
         let delays = self.delays_after_faults();
         let [detection_s, rejoin_s, response_s, transient_s] = delays.each_ref().map(Worst::s);
         let collisions = self.separations.collisions();
@@ -53,9 +53,9 @@ impl Metrics {
             max_tilt_deg: self.max_tilt_rad.to_degrees(),
             altitude_rms_m: when_steady(mean_of_members(Column::SquareAltitudeError).map(f64::sqrt)),
             stick_rms: self.stick_square.mean().map(f64::sqrt),
-            heading_error_rms_deg: handling.heading_error_rms_deg,
-            max_turn_rate_deg_s: handling.max_turn_rate_deg_s,
-            stick_saturation: handling.stick_saturation,
+            heading_error_rms_deg: worst(|vehicle| vehicle.heading_error_rms_deg),
+            max_turn_rate_deg_s: worst(|vehicle| vehicle.max_turn_rate_deg_s),
+            stick_saturation: worst(|vehicle| vehicle.stick_saturation),
             energy_j: self.effort.iter().filter_map(|effort| effort.energy_j).reduce(|sum, energy| sum + energy),
             band_occupancy: if self.is_flock {
                 self.following.inside.mean()
@@ -96,7 +96,7 @@ impl Metrics {
             step_p99_us: self.steps_us.quantile(0.99),
             frame_overruns: (live || self.is_central).then_some(self.totals.frame_overruns),
             law_misses: self.totals.law_misses,
-            fallback_share: self.effort.iter().filter_map(|effort| effort.fallback.mean()).reduce(f64::max),
+            fallback_share: worst(|vehicle| vehicle.fallback_share),
             wall_s: wall.wall_s,
             real_time_factor: wall.real_time_factor,
             never: self.never(settled_s, &delays),
