@@ -455,9 +455,7 @@ impl Metrics {
         if !lands {
             self.settling.iter_mut().zip(holds).for_each(|(settling, holds)| settling.observe(t_s, holds));
         }
-        if let Some(deviation_deg) = deviation_deg {
-            self.series.set(Column::Spacing, deviation_deg);
-        }
+        self.series.set(Column::Spacing, deviation_deg);
         // A single vehicle has no gaps.
         let is_even = deviation_deg.is_none() || is_even_to(10.0);
         let (members, is_split) = (self.detection.members, self.detection.is_split());

@@ -169,11 +169,7 @@ impl Detection {
         for vehicle in vehicles {
             let Some(in_contact) = self.in_contact.get_mut(index(vehicle.id)) else { continue };
             *in_contact = vehicle.in_contact;
-            if vehicle.is_live_member() {
-                self.members.insert(vehicle.id);
-            } else {
-                self.members.remove(vehicle.id);
-            }
+            self.members.set(vehicle.id, vehicle.is_live_member());
             if vehicle.runs && vehicle.membership == Membership::Left {
                 self.left.insert(vehicle.id);
             }

@@ -30,17 +30,13 @@ impl Alignment {
             speeds_m_s.add(speed_m_s);
             self.moving.extend((speed_m_s > MOVING_M_S).then(|| (nth, velocity / speed_m_s)));
         }
-        if let Some(speed_m_s) = speeds_m_s.mean() {
-            series.set(Column::Speed, speed_m_s);
-        }
+        series.set(Column::Speed, speeds_m_s.mean());
         // A single vehicle always agrees with itself.
         if self.moving.len() < 2 {
             return;
         }
         series.set(Column::Polarization, self.polarization());
-        if let Some(order) = self.order(vehicles) {
-            series.set(Column::Order, order);
-        }
+        series.set(Column::Order, self.order(vehicles));
     }
 
     /// Length of the mean direction, 0 to 1.

@@ -65,9 +65,7 @@ impl Graph {
         self.connected.add(f64::from(sizes.len() == 1));
         self.disconnected.add(sizes.iter().filter(|&&size| size == 1).count() as f64);
         self.smallest.add(sizes.iter().copied().min().unwrap_or(count) as f64);
-        if let Some(correlation) = components.correlation(|node| directions[node]) {
-            series.set(Column::Correlation, correlation);
-        }
+        series.set(Column::Correlation, components.correlation(|node| directions[node]));
         if self.observations.is_multiple_of(SPECTRUM_EVERY * count.div_ceil(SPECTRUM_OF) as u64) {
             self.connectivity.add(spectrum.second_eigenvalue(count, joined) / count as f64);
         }

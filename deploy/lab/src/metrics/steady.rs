@@ -87,9 +87,9 @@ impl SwarmSeries {
         self.0.push_back(Row { t_s, values: [f64::NAN; COLUMNS] });
     }
 
-    /// Sets a value at this instant.
-    pub(super) fn set(&mut self, column: Column, value: f64) {
-        if let Some(row) = self.0.back_mut() {
+    /// Sets a value at this instant, if it exists.
+    pub(super) fn set(&mut self, column: Column, value: impl Into<Option<f64>>) {
+        if let (Some(row), Some(value)) = (self.0.back_mut(), value.into()) {
             row.values[column as usize] = value;
         }
     }
@@ -104,7 +104,7 @@ impl SwarmSeries {
             (Column::SquareAltitudeError, sums.altitude_square),
             (Column::Inside, sums.inside),
         ];
-        means.into_iter().for_each(|(column, mean)| self.set(column, mean.mean().unwrap_or(f64::NAN)));
+        means.into_iter().for_each(|(column, mean)| self.set(column, mean.mean()));
         self.set(Column::LeastRho, least_m);
         self.set(Column::LargestRho, largest_m);
     }
