@@ -42,9 +42,9 @@ use skein_core::plant::{Command, Measurement};
 
 use super::TICK_NS;
 use super::beside::TakeOutputs;
-use super::script::ScriptedAction;
+use super::script::{ScriptedAction, outages};
 use super::vehicle::{Arriving, Vehicle};
-use crate::faults::{Schedule, spans};
+use crate::faults::Schedule;
 use crate::metrics::Totals;
 
 /// Size of the state that an aircraft sends in a frame, bytes: X-Plane's RPOS. The rotor speed is not counted, because
@@ -146,17 +146,13 @@ impl Central {
     /// The central controller of this scenario.
     pub(super) fn new(scenario: &Scenario) -> Self {
         let (network, id) = with_central_controller(scenario);
-        let mut outages = Vec::new();
-        for dead in spans(&scenario.mission.events, &Fault::KillControl) {
-            outages.extend([(dead.start, ScriptedAction::Kill), (dead.end, ScriptedAction::Restart)]);
-        }
         Self {
             id,
             place: scenario.origin.geodetic(),
             origin: Origin::new(scenario.origin.geodetic()),
             step_s: scenario.control.central_step_s,
             workspace: Workspace::default(),
-            outages: Schedule::new(outages),
+            outages: Schedule::new(outages(&scenario.mission.events, &Fault::KillControl).collect()),
             is_running: true,
             busy_until: LocalTime::ZERO,
             impairments: Impairments::new(&network, id),

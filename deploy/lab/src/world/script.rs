@@ -1,7 +1,5 @@
 //! The scripted actions of a scenario on each vehicle of a world, and the orders of its operator.
 
-use std::ops::Range;
-
 use skein_common::id::VehicleId;
 use skein_common::message::{Order, StandingOrders};
 use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
@@ -31,14 +29,18 @@ pub(super) enum ScriptedAction {
 pub(super) fn actions(scenario: &Scenario, own: VehicleId) -> Schedule<ScriptedAction> {
     let events = &scenario.mission.events;
     let mut actions: Vec<_> = events.iter().filter_map(|event| failure(event, own)).collect();
-    let mut span = |from, until, lasts: Range<f64>| actions.extend([(lasts.start, from), (lasts.end, until)]);
-    let kills = spans(events, &Fault::Kill { vehicle: own });
-    kills.into_iter().for_each(|dead| span(ScriptedAction::Kill, ScriptedAction::Restart, dead));
+    actions.extend(outages(events, &Fault::Kill { vehicle: own }));
     for sender in scenario.ids() {
         let changes = link_changes(events, sender, own).into_iter();
         actions.extend(changes.map(|(at_s, change)| (at_s, ScriptedAction::Link(change, sender))));
     }
     Schedule::new(actions)
+}
+
+/// The ends and restarts of agents by this fault, each at its time, s.
+pub(super) fn outages(events: &[ScriptedEvent], fault: &Fault) -> impl Iterator<Item = (f64, ScriptedAction)> {
+    let dead = spans(events, fault).into_iter();
+    dead.flat_map(|dead| [(dead.start, ScriptedAction::Kill), (dead.end, ScriptedAction::Restart)])
 }
 
 /// The failure that the event causes on vehicle `own`.
