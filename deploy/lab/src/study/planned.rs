@@ -46,10 +46,7 @@ pub fn fly_planned(plan: &Plan, is_recorded: bool, progress: &dyn Progress) -> R
         write(&unrecorded, "")?;
     }
     write_results(plan, &runs)?;
-    let recorded = match is_recorded && !plan.is_fleet {
-        true => record(plan, &runs, jobs),
-        false => recorded,
-    };
+    let recorded = if is_recorded && !plan.is_fleet { record(plan, &runs, jobs) } else { recorded };
     if recorded.is_ok() && is_recorded {
         let failed = |error| Error::Failed(format!("{}: {error}", unrecorded.display()));
         fs::remove_file(&unrecorded).map_err(failed)?;
@@ -68,10 +65,7 @@ fn share_of(cores: NonZeroUsize, at_once: usize) -> NonZeroUsize {
 /// If a file cannot be written.
 pub fn write_results(plan: &Plan, runs: &[Measured]) -> Result<(), Error> {
     write(&plan.out.join("runs.csv"), csv(&plan.points, runs))?;
-    let text = match plan.is_swept {
-        true => json(&by_point(&plan.points, runs)),
-        false => json(&summary(runs)),
-    };
+    let text = if plan.is_swept { json(&by_point(&plan.points, runs)) } else { json(&summary(runs)) };
     // The last of the figures: they are complete when it is there.
     write(&plan.out.join("summary.json"), &text)
 }
