@@ -139,12 +139,6 @@ fn reply(query: &LawQuery, parts: &Parts<'_>) -> PyResult<LawReply> {
     let mut log: Vec<LawNumber> = log.collect();
     log.sort_by(|one, other| one.name.cmp(&other.name));
     log.truncate(LawNumber::MAX_COUNT);
-    Ok(LawReply {
-        vehicle: query.vehicle,
-        tick: query.tick,
-        command,
-        heading_rad: *heading_rad,
-        reached: *reached,
-        log,
-    })
+    let (vehicle, tick) = (query.vehicle, query.tick);
+    Ok(LawReply { vehicle, tick, command, heading_rad: *heading_rad, reached: *reached, log })
 }
