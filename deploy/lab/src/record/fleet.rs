@@ -94,13 +94,10 @@ pub struct FleetPlaces {
 pub fn read_fleet(path: &Path) -> Result<FleetPlaces, RecordError> {
     let (mut places, mut lacks) = (Vec::new(), Lacks::default());
     let found = scan_file(path, |piece| {
-        if let Piece::Message(channel, _, data) = piece
-            && channel.topic == TEAMS
-        {
-            places.push(parse(TEAMS, data)?);
-        }
-        if let Piece::Metadata(metadata) = piece {
-            format::add_lacks(&mut lacks, &metadata);
+        match piece {
+            Piece::Message(channel, _, data) if channel.topic == TEAMS => places.push(parse(TEAMS, data)?),
+            Piece::Metadata(metadata) => format::add_lacks(&mut lacks, &metadata),
+            _ => {}
         }
         Ok(())
     });

@@ -182,9 +182,8 @@ impl<Take: FnMut(Piece<'_>) -> Result<(), RecordError>> Scanner<Take> {
                 Some(channel) => (self.take)(Piece::Message(&channel, header, &data))?,
                 None => return Ok(false),
             },
-            Record::Attachment { crc: 0, .. } => return Ok(false),
+            Record::Attachment { crc: 0, .. } | Record::Unknown { .. } => return Ok(false),
             Record::Attachment { header, data, .. } => (self.take)(Piece::Attachment(header, &data))?,
-            Record::Unknown { .. } => return Ok(false),
             _ => {}
         }
         Ok(true)
