@@ -34,9 +34,7 @@ pub(super) fn of(comparison: &Comparison) -> String {
 
 fn of_point(point: &ComparedPoint) -> String {
     let mut shown: Vec<&Compared> = point.figures.iter().filter(|figure| !figure.is_equal()).collect();
-    let rank =
-        |verdict| [Verdict::Worse, Verdict::Unclear, Verdict::Better, Verdict::Same].iter().position(|v| *v == verdict);
-    shown.sort_by_key(|figure| rank(figure.verdict));
+    shown.sort_by_key(|figure| figure.verdict);
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(["", "A", "B", "B − A", "effect", "verdict", "worst seed"]);
     for figure in &shown {

@@ -14,18 +14,18 @@ pub const NEGLIGIBLE: f64 = 0.01;
 /// Fewer pairs can agree by chance: 2 · 0.5⁵ is more than 5 %.
 const FEWEST: usize = 6;
 
-/// The verdict on B against A.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+/// The verdict on B against A, in the order in which a table has them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Shown to be better.
-    Better,
-    /// No difference is shown.
-    Same,
     /// Shown to be worse.
     Worse,
     /// They differ, and there are too few pairs to say more.
     Unclear,
+    /// Shown to be better.
+    Better,
+    /// No difference is shown.
+    Same,
 }
 
 /// One figure.
