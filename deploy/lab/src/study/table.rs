@@ -83,12 +83,9 @@ pub(super) fn of_figures(summary: &Summary, which: Which) -> String {
         let row = [key.to_owned(), figure.n.to_string()].into_iter().chain(never);
         table.add_row(row.chain([number(figure.median), quartiles, worst, seed, name(key).to_owned()]));
     }
-    let last = table.column_count().saturating_sub(1);
-    for (nth, column) in table.column_iter_mut().enumerate() {
-        if nth > 0 && nth < last {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
+    let between = table.column_count().saturating_sub(2);
+    let columns = table.column_iter_mut().skip(1).take(between);
+    columns.for_each(|column| column.set_cell_alignment(CellAlignment::Right));
     trimmed(&table)
 }
 
