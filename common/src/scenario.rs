@@ -87,13 +87,7 @@ pub fn load(source: &Source<'_>, sets: &[String]) -> Result<Loaded, ScenarioErro
 
 /// Checks the written values and adds the preset and the defaults.
 fn finish(texts: &Texts<'_>, mut written: tree::Node) -> Result<Loaded, ScenarioError> {
-    texts.check_table(&mut written, "")?;
-    for index in 0..texts.sets.len() {
-        if texts.is_for_scenario(index) {
-            texts.set(&mut written, index)?;
-            texts.check_table(&mut written, "")?;
-        }
-    }
+    texts.complete(&mut written, |index| texts.is_for_scenario(index))?;
     shape::check(texts, &written)?;
     let layers = Layers::new(texts, &written)?;
     let scenario = layers.scenario()?;

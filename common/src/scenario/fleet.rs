@@ -202,13 +202,7 @@ impl FleetFile {
         let texts = Texts { keys: FLEET_KEYS, ..*texts };
         let mut fleet =
             Node { place: place.clone(), value: Value::Table([("fleet".to_owned(), (place, node))].into()) };
-        texts.check_table(&mut fleet, "")?;
-        for index in 0..texts.sets.len() {
-            if texts.path_of(index).is_some_and(|path| path.starts_with("fleet.")) {
-                texts.set(&mut fleet, index)?;
-                texts.check_table(&mut fleet, "")?;
-            }
-        }
+        texts.complete(&mut fleet, |index| texts.path_of(index).is_some_and(|path| path.starts_with("fleet.")))?;
         let Some(teams) = fleet.at("fleet.teams").and_then(|node| node.plain().as_integer()) else {
             return Err(ScenarioError {
                 help: Some("add the number of teams: `teams = 4`".into()),

@@ -233,8 +233,18 @@ impl Texts<'_> {
         Ok(Node { place: Place::File(0..0), value: read.table(root.into_inner())? })
     }
 
+    /// Checks a tree, and after each `--set` option that is meant for it and applied to it checks it again.
+    pub(super) fn complete(&self, root: &mut Node, is_meant: impl Fn(usize) -> bool) -> Result<(), ScenarioError> {
+        self.check_table(root, "")?;
+        for index in (0..self.sets.len()).filter(|&index| is_meant(index)) {
+            self.set(root, index)?;
+            self.check_table(root, "")?;
+        }
+        Ok(())
+    }
+
     /// Applies the `--set` option number `index` to a checked tree.
-    pub(super) fn set(&self, root: &mut Node, index: usize) -> Result<(), ScenarioError> {
+    fn set(&self, root: &mut Node, index: usize) -> Result<(), ScenarioError> {
         let place = Place::Set(index);
         let (Some(path), Some((_, text))) = (self.path_of(index), self.sets[index].split_once('=')) else {
             return Err(self.fault(&place, "", "not of the form key=value"));
