@@ -20,7 +20,7 @@ use crate::metrics::across::Across;
 use crate::metrics::{FleetReport, FleetTraffic, Run, Wall};
 use crate::record::{self, RecordError, RecordingInfo};
 use sky::Sky;
-use team::{Team, TeamReport};
+use team::Team;
 
 /// Number of frames of a round: 0.2 s, the longest period of a state. With half of it, ten thousand vehicles cost a quarter
 /// more, because each round brings a team's memory into the cache once.
@@ -115,11 +115,11 @@ impl FleetFlight {
         let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
         let window_s = self.ticks as f64 * TICK_S;
         let recorded = self.recorded.and_then(|()| self.recorder.map_or(Ok(()), |recorder| recorder.finish(window_s)));
-        let (teams, each): (Vec<_>, Vec<_>) = self.teams.into_iter().map(|team| team.report(wall)).unzip();
+        let (reports, each): (Vec<_>, Vec<_>) = self.teams.iter_mut().map(|team| team.report(wall)).unzip();
         let recorded = [recorded].into_iter().chain(each).collect();
-        let reports: Vec<_> = teams.iter().map(|team| (team.id, &team.report)).collect();
-        let mut report = FleetReport::new(self.run, &reports, &self.across, Some(traffic(&teams)), wall);
-        report.traffic = teams.iter().flat_map(TeamReport::traffic).collect();
+        let reports: Vec<_> = self.teams.iter().map(|team| team.id).zip(&reports).collect();
+        let mut report = FleetReport::new(self.run, &reports, &self.across, Some(traffic(&self.teams)), wall);
+        report.traffic = self.teams.iter().flat_map(Team::traffic).collect();
         Ok((report, recorded))
     }
 
@@ -172,8 +172,8 @@ impl FleetFlight {
 }
 
 /// Counts the messages that the vehicles of these teams have received.
-fn traffic(teams: &[TeamReport]) -> FleetTraffic {
-    let own = teams.iter().map(|team| (team.own_per_s, team.report.run.vehicles as f64));
+fn traffic(teams: &[Team]) -> FleetTraffic {
+    let own = teams.iter().map(|team| (team.own_per_s(), team.flight.world.vehicle_count() as f64));
     let (messages, bytes, vehicles) = own.fold((0.0, 0.0, 0.0), |sum, (per_s, vehicles)| {
         (sum.0 + per_s.0 * vehicles, sum.1 + per_s.1 * vehicles, sum.2 + vehicles)
     });

@@ -25,7 +25,7 @@ use crate::recording::{NotedKind, Watch};
 
 /// A team in the air.
 pub(super) struct Team {
-    id: TeamId,
+    pub(super) id: TeamId,
     /// Origin of its frame.
     origin: Origin,
     pub(super) flight: SeedFlight,
@@ -38,7 +38,7 @@ pub(super) struct Team {
     /// The cells of each vehicle at the end of the last round.
     homes: Vec<Homes>,
     pub(super) airborne: Airborne,
-    received: Received,
+    pub(super) received: Received,
     /// Number of messages of other teams that each vehicle received, and their size, bytes.
     from_others: Vec<(u64, u64)>,
     /// Beginning of the window; `None` before it, s.
@@ -59,38 +59,6 @@ pub(super) struct Received {
     /// The counts of the vehicles with a vehicle in each of their nine cells: the rounds of all of them, the states of
     /// other teams that they received, and the bytes of these states.
     pub(super) surrounded: (u64, u64, u64),
-}
-
-/// The results of a team.
-#[derive(Debug)]
-pub(super) struct TeamReport {
-    pub(super) id: TeamId,
-    pub(super) report: Report,
-    pub(super) received: Received,
-    /// Number of messages and bytes that a vehicle received from its own team in a second.
-    pub(super) own_per_s: (f64, f64),
-    /// Number of messages of other teams that each vehicle received, and their size, bytes.
-    from_others: Vec<(u64, u64)>,
-    /// Time from the first to the last frame, s.
-    t_s: f64,
-}
-
-impl TeamReport {
-    /// The messages that each vehicle received.
-    pub(super) fn traffic(&self) -> impl Iterator<Item = VehicleTraffic> {
-        self.from_others.iter().zip(VehicleId::first(self.from_others.len())).map(|(&(messages, bytes), vehicle)| {
-            let per_s = |count: u64| count as f64 / self.t_s.max(1e-9);
-            VehicleTraffic {
-                vehicle: FleetVehicle { team: self.id, vehicle }.to_string(),
-                counted_s: self.t_s,
-                links: None,
-                messages_per_s: self.own_per_s.0 + per_s(messages),
-                bytes_per_s: self.own_per_s.1 + per_s(bytes),
-                others_messages_per_s: Some(per_s(messages)),
-                others_bytes_per_s: Some(per_s(bytes)),
-            }
-        })
-    }
 }
 
 impl Team {
@@ -237,10 +205,15 @@ impl Team {
         self.homes.iter().map(|homes| homes.here)
     }
 
-    /// The results, and whether the recording of the team is complete.
-    pub(super) fn report(mut self, wall: Wall) -> (TeamReport, Result<(), RecordError>) {
+    /// The figures, and whether the recording of the team, which ends here, is complete.
+    pub(super) fn report(&mut self, wall: Wall) -> (Report, Result<(), RecordError>) {
         let report = self.flight.figures(wall);
         let recorded = self.recorder.take().map_or(Ok(()), |(file, _)| file.finish(report.duration_s));
+        (report, recorded)
+    }
+
+    /// Number of messages and bytes that a vehicle received from its own team in a second.
+    pub(super) fn own_per_s(&self) -> (f64, f64) {
         let (world, totals) = (&self.flight.world, self.flight.world.totals());
         let (heartbeats, heartbeat_bytes) = world.heartbeats_sent();
         // Each message of a vehicle reaches all others of the team.
@@ -248,9 +221,23 @@ impl Team {
             let vehicles = world.vehicle_count() as f64;
             count as f64 * (vehicles - 1.0) / vehicles / world.t_s().max(1e-9)
         };
-        let own_per_s = (per_s(totals.state_messages + heartbeats), per_s(totals.state_bytes + heartbeat_bytes));
-        let (received, t_s) = (self.received, world.t_s());
-        (TeamReport { id: self.id, report, received, own_per_s, from_others: self.from_others, t_s }, recorded)
+        (per_s(totals.state_messages + heartbeats), per_s(totals.state_bytes + heartbeat_bytes))
+    }
+
+    /// The messages that each vehicle received.
+    pub(super) fn traffic(&self) -> impl Iterator<Item = VehicleTraffic> {
+        let (own_per_s, counted_s) = (self.own_per_s(), self.flight.world.t_s());
+        let per_s = move |count: u64| count as f64 / counted_s.max(1e-9);
+        let vehicles = self.from_others.iter().zip(VehicleId::first(self.from_others.len()));
+        vehicles.map(move |(&(messages, bytes), vehicle)| VehicleTraffic {
+            vehicle: FleetVehicle { team: self.id, vehicle }.to_string(),
+            counted_s,
+            links: None,
+            messages_per_s: own_per_s.0 + per_s(messages),
+            bytes_per_s: own_per_s.1 + per_s(bytes),
+            others_messages_per_s: Some(per_s(messages)),
+            others_bytes_per_s: Some(per_s(bytes)),
+        })
     }
 
     /// Whether an event isolates the team now; with `both_ways` only an event that withholds its states from the others.
