@@ -50,7 +50,23 @@ pub fn fly_fleet(
     threads: NonZeroUsize,
     recording: Option<&FleetRecording<'_>>,
 ) -> Result<(FleetReport, Result<(), RecordError>), StudyError> {
-    FleetFlight::new(teams, recording)?.fly(threads)
+    let mut flight = FleetFlight::new(teams, recording)?;
+    let started = now();
+    while !flight.is_over()? {
+        flight.round(threads);
+    }
+    let wall_s = now().duration_since(started).as_secs_f64();
+    let FleetFlight { run, mut teams, across, recorder, recorded, ticks, .. } = flight;
+    let flown_s = teams.first().map_or(0.0, |team| team.flight.world.t_s());
+    let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
+    let window_s = ticks as f64 * TICK_S;
+    let recorded = recorded.and_then(|()| recorder.map_or(Ok(()), |recorder| recorder.finish(window_s)));
+    let (reports, each): (Vec<_>, Vec<_>) = teams.iter_mut().map(|team| team.report(wall)).unzip();
+    let recorded = [recorded].into_iter().chain(each).collect();
+    let reports: Vec<_> = teams.iter().map(|team| team.id).zip(&reports).collect();
+    let mut report = FleetReport::new(run, &reports, &across, Some(traffic(&teams)), wall);
+    report.traffic = teams.iter().flat_map(Team::traffic).collect();
+    Ok((report, recorded))
 }
 
 /// One flight of a fleet, from the ground to the end.
@@ -103,24 +119,6 @@ impl FleetFlight {
             ticks: 0,
             most_ticks: ((longest_s / TICK_S).round() as u64).next_multiple_of(ROUND_TICKS),
         })
-    }
-
-    fn fly(mut self, threads: NonZeroUsize) -> Result<(FleetReport, Result<(), RecordError>), StudyError> {
-        let started = now();
-        while !self.is_over()? {
-            self.round(threads);
-        }
-        let wall_s = now().duration_since(started).as_secs_f64();
-        let flown_s = self.teams.first().map_or(0.0, |team| team.flight.world.t_s());
-        let wall = Wall { wall_s, real_time_factor: flown_s / wall_s.max(1e-9) };
-        let window_s = self.ticks as f64 * TICK_S;
-        let recorded = self.recorded.and_then(|()| self.recorder.map_or(Ok(()), |recorder| recorder.finish(window_s)));
-        let (reports, each): (Vec<_>, Vec<_>) = self.teams.iter_mut().map(|team| team.report(wall)).unzip();
-        let recorded = [recorded].into_iter().chain(each).collect();
-        let reports: Vec<_> = self.teams.iter().map(|team| team.id).zip(&reports).collect();
-        let mut report = FleetReport::new(self.run, &reports, &self.across, Some(traffic(&self.teams)), wall);
-        report.traffic = self.teams.iter().flat_map(Team::traffic).collect();
-        Ok((report, recorded))
     }
 
     /// Whether no round follows.
