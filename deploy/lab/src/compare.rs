@@ -32,10 +32,8 @@ use serde_json::{Map, Value};
 use skein_common::scenario::nearest_of;
 
 use crate::error::Error;
-use crate::metrics::figures;
-use crate::metrics::is_worse;
-use crate::terminal::json;
-use crate::terminal::say;
+use crate::metrics::{figures, is_worse};
+use crate::terminal::{json, say};
 use folder::Folder;
 use pairs::{Paired, PairedPoint};
 pub use verdict::{Compared, NEGLIGIBLE, Verdict};

@@ -5,9 +5,7 @@ use skein_common::statistics::median;
 
 use super::pairs::Pair;
 use super::statistics::{ALPHA, Estimate, difference, estimate, notable, sign_test};
-use crate::metrics::Direction;
-use crate::metrics::Outcome;
-use crate::metrics::figures;
+use crate::metrics::{Direction, Outcome, figures};
 
 /// Differences up to this share of the larger of the two medians do not count.
 pub const NEGLIGIBLE: f64 = 0.01;

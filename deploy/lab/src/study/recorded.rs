@@ -11,8 +11,7 @@ use skein_common::scenario::{RecordRuns, Scenario};
 use super::plan::{Plan, PlannedRun};
 use super::{Study, StudyError};
 use crate::error::Error;
-use crate::metrics::{Measured, worst_and_median};
-use crate::metrics::{Report, Run, WALL_CLOCK_KEYS};
+use crate::metrics::{Measured, Report, Run, WALL_CLOCK_KEYS, worst_and_median};
 use crate::record::{self, Draft, RecordError, RecordingInfo, Writer, log_time_ns};
 use skein_host::parallel::in_parallel;
 

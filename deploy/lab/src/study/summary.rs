@@ -6,8 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::sweep::Point;
-use crate::metrics::{Direction, Report};
-use crate::metrics::{Measured, is_worse, worst_and_median};
+use crate::metrics::{Direction, Measured, Report, is_worse, worst_and_median};
 use skein_common::statistics::quantile;
 
 /// One figure over all seeds.

@@ -4,8 +4,7 @@ use comfy_table::{CellAlignment, Table, presets};
 
 use super::summary::{FigureSummary, PointSummary, Summary};
 use super::sweep::Point;
-use crate::metrics::figures;
-use crate::metrics::{Measured, Outcome};
+use crate::metrics::{Measured, Outcome, figures};
 
 /// The figures that a reader looks for first. The table has the first [`HEADLINES`] of these that
 /// the runs have.
