@@ -12,7 +12,7 @@ use foxglove::messages::{
     Pose, Quaternion, SceneEntity, SceneUpdate, TextPrimitive, Timestamp, Vector3, line_primitive, log,
 };
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2};
-use skein_common::frame::{Attitude, Origin};
+use skein_common::frame::{Attitude, HeadingFrame, Origin};
 use skein_common::id::VehicleId;
 use skein_common::math;
 use skein_common::message::{Severity, Trace};
@@ -168,12 +168,11 @@ pub(super) fn formation(time: Timestamp, formation: &Formation) -> SceneUpdate {
 
 /// Points of the ellipse ρ = `radius_m`, with the semi-axes ρ along the heading and ρ/√γ across it, m. East, north, up.
 fn ellipse(radius_m: f64, gamma: f64, heading_rad: f64) -> Vec<Point3> {
+    let axes = HeadingFrame::new(heading_rad);
     let corner = |nth: usize| {
         let (sin, cos) = math::sin_cos(std::f64::consts::TAU * nth as f64 / CORNERS as f64);
-        let along = Vector2::new(radius_m * cos, radius_m / gamma.sqrt() * sin);
-        let (sin_h, cos_h) = math::sin_cos(heading_rad);
-        let (north, east) = (along.x * cos_h - along.y * sin_h, along.x * sin_h + along.y * cos_h);
-        Point3 { x: east, y: north, z: 0.0 }
+        let north_east = axes.to_ne(Vector2::new(radius_m * cos, radius_m / gamma.sqrt() * sin));
+        Point3 { x: north_east.y, y: north_east.x, z: 0.0 }
     };
     (0..CORNERS).map(corner).collect()
 }
