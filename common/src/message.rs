@@ -361,9 +361,10 @@ impl std::fmt::Display for EventKind {
 }
 
 macro_rules! message {
-    ($name:ident, $max_bytes:expr, $author:expr, $plausible:expr) => {
+    ($name:ident $(in $encoding:ident)?, $max_bytes:expr, $author:expr, $plausible:expr) => {
         impl Message for $name {
             const MAX_BYTES: usize = $max_bytes;
+            $(const ENCODING: Encoding = Encoding::$encoding;)?
 
             fn is_plausible(&self) -> bool {
                 let plausible: fn(&Self) -> bool = $plausible;

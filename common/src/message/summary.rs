@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Encoding, Failure, Header, MAX_STEP, Message, VehicleFacts};
+use super::{Encoding, Failure, Header, MAX_STEP, Message, VehicleFacts, message};
 use crate::id::VehicleId;
 use crate::scenario::{Setting, TunableKey};
 use crate::state::{PeerStatus, VehicleState};
@@ -63,29 +63,20 @@ impl Summary {
     }
 }
 
-impl Message for Summary {
-    const MAX_BYTES: usize = 8 * 1024;
-    const ENCODING: Encoding = Encoding::Json;
-
-    /// JSON has no number that is not finite: ranges are left to check.
-    fn is_plausible(&self) -> bool {
-        let VehicleFacts { position, velocity, step, reached, settings, process, failures, peers, .. } = &self.facts;
-        let timing = process.map(|process| [process.frame_rate_hz, process.jitter_ms, process.step_p99_us]);
-        position.is_none_or(|position| position.0.norm() < MAX_DISTANCE_M)
-            && velocity.0.norm() <= VehicleState::MAX_SPEED_M_S
-            && timing.is_some_and(|timing| timing.iter().all(|number| *number >= 0.0))
-            && *step <= MAX_STEP
-            && reached.is_none_or(|reached| reached <= MAX_STEP)
-            && settings.len() <= TunableKey::ALL.len()
-            && settings.iter().all(Setting::is_in_range)
-            && failures.len() <= Failure::KINDS
-            && peers.len() <= usize::from(VehicleId::MAX)
-    }
-
-    fn is_allowed_under(&self, topic: &Topic) -> bool {
-        topic.author() == Author::Vehicle(self.header.sender)
-    }
-}
+message!(Summary in Json, 8 * 1024, |summary| Author::Vehicle(summary.header.sender), |summary| {
+    // JSON has no number that is not finite: ranges are left to check.
+    let VehicleFacts { position, velocity, step, reached, settings, process, failures, peers, .. } = &summary.facts;
+    let timing = process.map(|process| [process.frame_rate_hz, process.jitter_ms, process.step_p99_us]);
+    position.is_none_or(|position| position.0.norm() < MAX_DISTANCE_M)
+        && velocity.0.norm() <= VehicleState::MAX_SPEED_M_S
+        && timing.is_some_and(|timing| timing.iter().all(|number| *number >= 0.0))
+        && *step <= MAX_STEP
+        && reached.is_none_or(|reached| reached <= MAX_STEP)
+        && settings.len() <= TunableKey::ALL.len()
+        && settings.iter().all(Setting::is_in_range)
+        && failures.len() <= Failure::KINDS
+        && peers.len() <= usize::from(VehicleId::MAX)
+});
 
 /// Largest plausible distance from the swarm's origin, m: the diameter of the Earth.
 const MAX_DISTANCE_M: f64 = 13e6;
