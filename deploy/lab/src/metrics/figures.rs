@@ -135,7 +135,7 @@ figures! {
 }
 
 /// One vehicle's own figures.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[expect(missing_docs, reason = "the same keys as the swarm's")]
 pub struct VehicleReport {
     pub radial_rms_m: Option<f64>,

@@ -6,7 +6,7 @@ use std::f64::consts::FRAC_PI_2;
 use skein_common::frame::wrap_rad;
 use skein_common::id::VehicleId;
 
-use super::{AIRBORNE_ABOVE_M, STEADY_S, VehicleNow, index};
+use super::{AIRBORNE_ABOVE_M, STEADY_S, VehicleNow, VehicleReport, index};
 
 /// The samples are summed up over spans of this length, s.
 const SPAN_S: f64 = 5.0;
@@ -49,14 +49,6 @@ struct Span {
     stopped: u16,
 }
 
-/// The figures of one vehicle.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct HandlingFigures {
-    pub(super) heading_error_rms_deg: Option<f64>,
-    pub(super) max_turn_rate_deg_s: Option<f64>,
-    pub(super) stick_saturation: Option<f64>,
-}
-
 impl Handling {
     pub(super) fn new(vehicles: usize, keeps_heading: bool) -> Self {
         Self { vehicles: vec![Handled::default(); vehicles], keeps_heading }
@@ -82,8 +74,8 @@ impl Handling {
         }
     }
 
-    /// The figures of a vehicle, counted from 0, `t_s` seconds into the window.
-    pub(super) fn figures(&self, nth: usize, t_s: f64) -> HandlingFigures {
+    /// The figures of a vehicle, counted from 0, `t_s` seconds into the window, as far as they are about its handling.
+    pub(super) fn figures(&self, nth: usize, t_s: f64) -> VehicleReport {
         let since_s = t_s - STEADY_S.min(t_s / 2.0);
         let (mut square, mut fastest, mut saturation) = ((0.0, 0.0), None, (0.0, 0.0));
         for span in self.vehicles[nth].spans.iter().filter(|span| f64::from(span.nth + 1) * SPAN_S > since_s) {
@@ -93,10 +85,11 @@ impl Handling {
         }
         let of_samples = |(sum, count): (f64, f64)| (count > 0.0).then(|| sum / count);
         let square = of_samples(square).filter(|_| self.keeps_heading);
-        HandlingFigures {
+        VehicleReport {
             heading_error_rms_deg: square.map(|square| square.sqrt().to_degrees()),
             max_turn_rate_deg_s: fastest.map(f64::to_degrees),
             stick_saturation: of_samples(saturation),
+            ..VehicleReport::default()
         }
     }
 }
@@ -155,7 +148,7 @@ mod tests {
     }
 
     /// The figures after a flight of this length with this heading, degrees, and yaw control at each time, s.
-    fn flown(duration_s: u32, of: impl Fn(f64) -> (f64, f64)) -> HandlingFigures {
+    fn flown(duration_s: u32, of: impl Fn(f64) -> (f64, f64)) -> VehicleReport {
         let mut handling = Handling::new(1, true);
         for tick in 0..=10 * duration_s {
             let t_s = f64::from(tick) / 10.0;
@@ -204,7 +197,7 @@ mod tests {
         for tick in 0..100 {
             handling.observe(f64::from(tick) / 10.0, &[grounded]);
         }
-        assert_eq!(handling.figures(0, 10.0), HandlingFigures::default());
+        assert_eq!(handling.figures(0, 10.0), VehicleReport::default());
         handling.observe(10.0, &[flying]);
         near(handling.figures(0, 10.1).heading_error_rms_deg, 45.0);
         // A new agent keeps the heading that it finds.

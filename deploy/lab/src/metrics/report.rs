@@ -131,17 +131,14 @@ impl Metrics {
         let rows = self.effort.iter().enumerate().map(|(nth, effort)| {
             let figures = if steady { self.vehicle_series.figures(nth, since_s) } else { None };
             let radial = figures.filter(|_| self.is_radial);
-            let handling = self.handling.figures(nth, self.t_s);
             let report = VehicleReport {
                 radial_rms_m: radial.map(|figures| figures.error_rms_m),
                 radial_mean_m: radial.map(|figures| figures.rho_m),
                 oscillation_m: figures.and_then(|figures| figures.oscillation_m),
                 stick_rms: effort.stick_square.mean().map(f64::sqrt),
-                heading_error_rms_deg: handling.heading_error_rms_deg,
-                max_turn_rate_deg_s: handling.max_turn_rate_deg_s,
-                stick_saturation: handling.stick_saturation,
                 fallback_share: effort.fallback.mean(),
                 energy_j: effort.energy_j,
+                ..self.handling.figures(nth, self.t_s)
             };
             ((nth + 1).to_string(), report)
         });
