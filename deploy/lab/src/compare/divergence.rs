@@ -1,13 +1,13 @@
 //! Difference between runs of the same scenario and seed in virtual and in real time, or with different plants, without a
 //! verdict. Every figure that both sides have is shown; wall-clock figures come from the run in real time.
 
-use comfy_table::{CellAlignment, Table, presets};
 use serde::Serialize;
 use skein_common::statistics::median;
 
 use super::folder::Folder;
 use super::pairs::Paired;
 use super::statistics::difference;
+use super::table::with_head;
 use crate::study::rounded;
 
 /// Two targets or plants.
@@ -106,16 +106,7 @@ fn apart(key: &str, each: &[(u64, [f64; 2])]) -> Option<FigureDifference> {
 /// The table for people.
 pub fn table(divergence: &Divergence) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "never".to_owned(), rounded);
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING).set_header([
-        "",
-        &divergence.a,
-        &divergence.b,
-        "difference",
-        "",
-        "farthest",
-        "seed",
-    ]);
+    let mut table = with_head(["", &divergence.a, &divergence.b, "difference", "", "farthest", "seed"]);
     for figure in &divergence.figures {
         let relative = figure.relative.map(|share| format!("{:+.1} %", 100.0 * share)).unwrap_or_default();
         let ComparedPair { seed, a, b } = figure.farthest;
@@ -126,7 +117,6 @@ pub fn table(divergence: &Divergence) -> String {
         let cells = [number(figure.a), number(figure.b), difference, relative, farthest, seed.to_string()];
         table.add_row([figure.key.clone()].into_iter().chain(cells));
     }
-    table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
     let mut text =
         format!("{table}\nmedians of {} pairs of equal seeds, and the pair that is farthest apart\n", divergence.pairs);
     for (keys, name) in

@@ -32,11 +32,18 @@ pub(super) fn of(comparison: &Comparison) -> String {
     text
 }
 
+/// A table with this head, whose columns after the first are aligned to the right.
+pub(super) fn with_head(head: [&str; 7]) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header(head);
+    table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
+    table
+}
+
 fn of_point(point: &ComparedPoint) -> String {
     let mut shown: Vec<&Compared> = point.figures.iter().filter(|figure| !figure.is_equal()).collect();
     shown.sort_by_key(|figure| figure.verdict);
-    let mut table = Table::new();
-    table.load_style(presets::NOTHING).set_header(["", "A", "B", "B − A", "effect", "verdict", "worst seed"]);
+    let mut table = with_head(["", "A", "B", "B − A", "effect", "verdict", "worst seed"]);
     for figure in &shown {
         let verdict = format!("{:?}", figure.verdict).to_lowercase();
         let seed = figure.worst_seed.map(|seed| seed.to_string()).unwrap_or_default();
@@ -47,7 +54,6 @@ fn of_point(point: &ComparedPoint) -> String {
         });
         table.add_row([figure.key.to_owned(), a, b, interval(&figure.difference, "∞"), effect, verdict, seed]);
     }
-    table.column_iter_mut().skip(1).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
     let name = match point.set.as_slice() {
         [] => String::new(),
         set => format!("{}, ", set.join(", ")),
