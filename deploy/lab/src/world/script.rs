@@ -50,24 +50,23 @@ fn failure(event: &ScriptedEvent, own: VehicleId) -> Option<(f64, ScriptedAction
     Some((event.at_s, ScriptedAction::Fail(name)))
 }
 
+/// The events in which vehicle `own`'s clock jumps, each with the size of the jump, s.
+fn jumps(scenario: &Scenario, own: VehicleId) -> impl Iterator<Item = (&ScriptedEvent, f64)> {
+    scenario.mission.events.iter().filter_map(move |event| match event.what {
+        EventAction::Fault(Fault::ClockJump { vehicle, by_s }) if vehicle == own => Some((event, by_s)),
+        _ => None,
+    })
+}
+
 /// The schedule of the jumps of vehicle `own`'s clock, s after its take-off, each with its size, s.
 pub(super) fn clock_jumps(scenario: &Scenario, own: VehicleId) -> Schedule<f64> {
-    let of_event = |event: &ScriptedEvent| match event.what {
-        EventAction::Fault(Fault::ClockJump { vehicle, by_s }) if vehicle == own => {
-            vec![(event.at_s, by_s), (lasting(event).end, -by_s)]
-        }
-        _ => Vec::new(),
-    };
-    Schedule::new(scenario.mission.events.iter().flat_map(of_event).collect())
+    let there_and_back = |(event, by_s): (&ScriptedEvent, f64)| [(event.at_s, by_s), (lasting(event).end, -by_s)];
+    Schedule::new(jumps(scenario, own).flat_map(there_and_back).collect())
 }
 
 /// Total backward jump of vehicle `own`'s clock, s. The clock starts at this time, or it would become negative.
 pub(super) fn clock_begins_s(scenario: &Scenario, own: VehicleId) -> f64 {
-    let back_s = |event: &ScriptedEvent| match event.what {
-        EventAction::Fault(Fault::ClockJump { vehicle, by_s }) if vehicle == own => (-by_s).max(0.0),
-        _ => 0.0,
-    };
-    scenario.mission.events.iter().map(back_s).sum()
+    jumps(scenario, own).map(|(_, by_s)| (-by_s).max(0.0)).sum()
 }
 
 /// Sends the scenario's orders as an operator does: each until all agents acknowledge it or newer orders replace it.
