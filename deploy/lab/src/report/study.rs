@@ -204,8 +204,7 @@ fn subject(folder: &Folder) -> String {
 
 /// A table with a row for each point.
 fn of_points(swept: &[String], points: &[PointRuns<'_>]) -> Part {
-    let keys: Vec<&str> = drawn(points);
-    let keys: Vec<&str> = keys.into_iter().take(6).collect();
+    let keys: Vec<&str> = drawn(points).into_iter().take(6).collect();
     let cell = |point: &PointRuns<'_>, key: &str| {
         point.summary.get(key).map_or_else(|| "–".to_owned(), |figure| study::median_and_worst(key, figure))
     };
