@@ -144,21 +144,18 @@ impl Player {
         self.visit(&topics, (0, u64::MAX), ReadOrder::LogTime, |topic, log_time_ns, data| {
             let t_s = seconds_since(zero_ns, log_time_ns);
             let is_fault = topic == format::FAULTS;
-            let event = if is_fleet {
+            let (vehicle, text, what, severity) = if is_fleet {
                 let TeamLine { team, vehicle, text, severity } = parse(topic, data)?;
                 let vehicle = vehicle.map(|vehicle| VehicleName { team: Some(team), vehicle });
-                let severity = if is_fault { Severity::Error } else { severity };
-                PlayedEvent { t_s, vehicle, text, what: None, severity }
+                (vehicle, text, None, if is_fault { Severity::Error } else { severity })
             } else if is_fault {
                 let FaultLine { vehicle, text, .. } = parse(topic, data)?;
-                let (vehicle, text) = (vehicle.map(Into::into), text.into_owned());
-                PlayedEvent { t_s, vehicle, text, what: None, severity: Severity::Error }
+                (vehicle.map(Into::into), text.into_owned(), None, Severity::Error)
             } else {
                 let EventLine { vehicle, text, what, .. } = parse(topic, data)?;
-                let (vehicle, text, severity) = (Some(vehicle.into()), text.into_owned(), what.severity());
-                PlayedEvent { t_s, vehicle, text, what: Some(what), severity }
+                (Some(vehicle.into()), text.into_owned(), Some(what), what.severity())
             };
-            events.push(event);
+            events.push(PlayedEvent { t_s, vehicle, text, what, severity });
             Ok(events.len() < MAX_NOTED)
         })?;
         Ok(events)
