@@ -32,8 +32,8 @@ pub(super) fn in_folder(folder: &Path) -> Option<PathBuf> {
     [FLEET_FILE, FILE].into_iter().map(|name| folder.join(name)).find(|path| path.is_file())
 }
 
-/// Plays a recording to a page until that ends or is too slow.
-pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) {
+/// Plays a recording to a page until that ends or is too slow: then `None`.
+pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) -> Option<()> {
     let opened = blocking(move || Recording::open(&path)).await;
     let mut recording = match opened {
         Ok(recording) => recording,
@@ -42,14 +42,12 @@ pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) {
             send(&mut socket, problem(&error, remedy)).await;
             // The page would connect again at once.
             while socket.recv().await.is_some_and(|message| message.is_ok()) {}
-            return;
+            return None;
         }
     };
     let past = EventMessage::Events { events: recording.events.iter().map(Event::from).collect() }.to_json();
     for message in [recording.hello.clone(), past] {
-        if !send(&mut socket, Message::text(message)).await {
-            return;
-        }
+        send(&mut socket, Message::text(message)).await?;
     }
     let mut page = PlayingPage { wishes: Wishes::default(), position: None, is_due: false };
     let mut ticks = interval(PERIOD);
@@ -61,20 +59,15 @@ pub(super) async fn serve(mut socket: WebSocket, path: PathBuf) {
                 let (shown, messages) = show(recording, page.wishes, at_s).await;
                 (recording, page.wishes) = shown;
                 for message in messages {
-                    if !send(&mut socket, message).await {
-                        return;
-                    }
+                    send(&mut socket, message).await?;
                 }
             }
-            ask = next(&mut socket) => match ask {
-                Some(Ask::Order(_)) => {
+            ask = next(&mut socket) => match ask? {
+                Ask::Order(_) => {
                     let answer = orders::answer("a recording takes no orders", false);
-                    if !send(&mut socket, Message::text(answer)).await {
-                        return;
-                    }
+                    send(&mut socket, Message::text(answer)).await?;
                 }
-                Some(ask) => page.take(ask, recording.span_s),
-                None => return,
+                ask => page.take(ask, recording.span_s),
             },
         }
     }

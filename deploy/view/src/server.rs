@@ -128,8 +128,10 @@ fn file(name: &str) -> Response {
 
 async fn live(State(shared): State<Arc<Shared>>, upgrade: WebSocketUpgrade) -> Response {
     let upgrade = upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE).max_write_buffer_size(MAX_UNSENT);
-    upgrade.on_upgrade(async move |socket| match &shared.source {
-        Source::Live(frames) => socket::serve(socket, frames.subscribe(), shared.orders.clone()).await,
-        Source::Recording(path) => playback::serve(socket, path.clone()).await,
+    upgrade.on_upgrade(async move |socket| {
+        match &shared.source {
+            Source::Live(frames) => socket::serve(socket, frames.subscribe(), shared.orders.clone()).await,
+            Source::Recording(path) => playback::serve(socket, path.clone()).await,
+        };
     })
 }

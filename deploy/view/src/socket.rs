@@ -106,47 +106,44 @@ pub(super) async fn next(socket: &mut WebSocket) -> Option<Ask> {
     }
 }
 
-/// Sends a message; false if the page is gone or too slow.
-pub(super) async fn send(socket: &mut WebSocket, message: Message) -> bool {
-    matches!(timeout(SENT_WITHIN, socket.send(message)).await, Ok(Ok(())))
+/// Sends a message; `None` if the page is gone or too slow.
+pub(super) async fn send(socket: &mut WebSocket, message: Message) -> Option<()> {
+    timeout(SENT_WITHIN, socket.send(message)).await.ok()?.ok()
 }
 
-/// Serves a page that watches a live swarm, until it ends or is too slow. The page gives orders by this rule.
-pub(super) async fn serve(mut socket: WebSocket, mut frames: watch::Receiver<Arc<Frame>>, rule: Option<Arc<Rule>>) {
+/// Serves a page that watches a live swarm, until it ends or is too slow: then `None`. The page gives orders by this rule.
+pub(super) async fn serve(
+    mut socket: WebSocket,
+    mut frames: watch::Receiver<Arc<Frame>>,
+    rule: Option<Arc<Rule>>,
+) -> Option<()> {
     let mut page = LivePage::default();
     let mut given = JoinSet::new();
     frames.mark_changed();
     loop {
         tokio::select! {
             changed = frames.changed() => {
-                if changed.is_err() {
-                    break;
-                }
+                changed.ok()?;
                 let frame = Arc::clone(&frames.borrow_and_update());
                 for message in page.messages(&frame) {
-                    if !send(&mut socket, message).await {
-                        return;
-                    }
+                    send(&mut socket, message).await?;
                 }
             }
             Some(answer) = given.join_next() => {
-                if let Ok(answer) = answer && !send(&mut socket, Message::text(answer)).await {
-                    return;
+                if let Ok(answer) = answer {
+                    send(&mut socket, Message::text(answer)).await?;
                 }
             }
-            ask = next(&mut socket) => match ask {
-                Some(Ask::Order(_)) if given.len() >= MOST_ORDERS => {
+            ask = next(&mut socket) => match ask? {
+                Ask::Order(_) if given.len() >= MOST_ORDERS => {
                     let text = "too many orders at once: wait for the answer to one";
-                    if !send(&mut socket, Message::text(orders::answer(text, false))).await {
-                        return;
-                    }
+                    send(&mut socket, Message::text(orders::answer(text, false))).await?;
                 }
-                Some(Ask::Order(order)) => {
+                Ask::Order(order) => {
                     let place = frames.borrow().place.clone();
                     given.spawn(orders::give(rule.clone(), place, order));
                 }
-                Some(ask) => page.wishes.take(ask),
-                None => break,
+                ask => page.wishes.take(ask),
             },
         }
     }
