@@ -189,7 +189,7 @@ mod tests {
     use skein_common::id::VehicleId;
 
     use super::*;
-    use crate::ports::{LEFT_ALONE, close};
+    use crate::tests::{LEFT_ALONE, close};
 
     fn endpoints(name: &str, agent: &str) -> Endpoints {
         Endpoints {

@@ -5,9 +5,6 @@ use std::fmt;
 use std::io;
 use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 
-#[cfg(test)]
-use {skein_host::clock, std::net::TcpStream, std::time::Duration};
-
 use skein_agent::plant::xplane::wire;
 use skein_common::id::VehicleId;
 
@@ -40,24 +37,6 @@ impl std::str::FromStr for HostPort {
 impl fmt::Display for HostPort {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.host, self.port)
-    }
-}
-
-/// Address at which a test listens at a free port of this PC that stays closed when the test has closed it: no program listens at
-/// this address and might take the port. macOS has only the usual address.
-#[cfg(test)]
-pub(crate) const LEFT_ALONE: &str = if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" };
-
-/// Closes a test's socket, and waits until it accepts no connection: a program that another test starts has the socket too until it
-/// runs, on a busy PC for a second.
-#[cfg(test)]
-pub(crate) fn close(listener: TcpListener) {
-    let address = listener.local_addr().unwrap();
-    drop(listener);
-    let until = clock::now() + Duration::from_secs(20);
-    while TcpStream::connect_timeout(&address, Duration::from_secs(1)).is_ok() {
-        assert!(clock::now() < until, "{address} is still open");
-        clock::sleep(Duration::from_millis(20));
     }
 }
 

@@ -1,14 +1,17 @@
-//! Properties of inventories and plans, for clusters of any shape.
+//! Properties of inventories and plans, for clusters of any shape; and sockets for the tests of several modules.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
+use std::time::Duration;
 
 use proptest::prelude::*;
 use proptest::sample::subsequence;
 use skein_agent::link::signature::SigningKey;
 use skein_agent::link::signature::runs::RunNote;
 use skein_common::id::{SwarmName, VehicleId, VehicleName};
+use skein_host::clock;
 
 use crate::flown::Evidence;
 use crate::install::roll::until_one_fails;
@@ -17,6 +20,22 @@ use crate::keys::folder::new_key;
 use crate::keys::run::Record;
 use crate::nodes::{ChosenNodes, list};
 use crate::pack::pack;
+
+/// Address at which a test listens at a free port of this PC that stays closed when the test has closed it: no program listens at
+/// this address and might take the port. macOS has only the usual address.
+pub(crate) const LEFT_ALONE: &str = if cfg!(target_os = "macos") { "127.0.0.1:0" } else { "127.0.0.77:0" };
+
+/// Closes a test's socket, and waits until it accepts no connection: a program that another test starts has the socket too until it
+/// runs, on a busy PC for a second.
+pub(crate) fn close(listener: TcpListener) {
+    let address = listener.local_addr().unwrap();
+    drop(listener);
+    let until = clock::now() + Duration::from_secs(20);
+    while TcpStream::connect_timeout(&address, Duration::from_secs(1)).is_ok() {
+        assert!(clock::now() < until, "{address} is still open");
+        clock::sleep(Duration::from_millis(20));
+    }
+}
 
 /// One node of a cluster file: the number of its host, whether it has a user of its own, and whether it is installed by hand.
 type Entry = (u8, bool, bool);

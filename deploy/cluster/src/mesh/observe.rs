@@ -486,14 +486,4 @@ fn update(
 }
 
 #[cfg(test)]
-impl Observer {
-    /// Processes these messages as if vehicles had sent them, each in a run and at a time.
-    pub(crate) fn inject(&mut self, received: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>) {
-        for (received, run, at) in received {
-            self.take(&ReceivedMessage { received, run, at });
-        }
-    }
-}
-
-#[cfg(test)]
 mod tests;

@@ -232,7 +232,7 @@ mod tests {
 
     use super::*;
     use crate::inventory::tests::{TEAMS, fleet, lab};
-    use crate::ports::{LEFT_ALONE, close};
+    use crate::tests::{LEFT_ALONE, close};
 
     #[test]
     fn a_swarm_on_this_pc_and_a_cluster_cannot_both_be_chosen() {

@@ -8,7 +8,7 @@ use skein_common::time::SenderStamp;
 
 use super::*;
 use crate::inventory::tests::lab;
-use crate::mesh::observe::{Observer, SwarmMessage};
+use crate::mesh::observe::SwarmMessage;
 use crate::mesh::reach::{Flown, Reach};
 
 fn id(number: u8) -> VehicleId {
@@ -66,10 +66,10 @@ fn status_of(
 ) -> SwarmStatus {
     let inventory = lab(folder, 4, "");
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
-    let mut observer = Observer::open(&reach, TraceSubscription::Off).unwrap();
-    observer.inject(received);
+    let mut observers = Observers::open(&[reach], TraceSubscription::Off).unwrap();
+    observers.each()[0].inject(received);
     let place = Place::Cluster(Box::new(inventory));
-    SwarmStatus::of(place.swarm(), &listed(&place), &observer.into(), now)
+    SwarmStatus::of(place.swarm(), &listed(&place), &observers, now)
 }
 
 /// The vehicle's heartbeat in this incarnation.

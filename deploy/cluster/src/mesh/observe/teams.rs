@@ -64,10 +64,3 @@ impl Observers {
         self.0.iter().find(|observer| observer.branch().team() == name.team)
     }
 }
-
-#[cfg(test)]
-impl From<Observer> for Observers {
-    fn from(observer: Observer) -> Self {
-        Self(vec![observer])
-    }
-}

@@ -14,6 +14,15 @@ use skein_host::clock::LocalClock;
 use super::*;
 use crate::mesh::reach::Flown;
 
+impl Observer {
+    /// Processes these messages as if vehicles had sent them, each in a run and at a time.
+    pub(crate) fn inject(&mut self, received: impl IntoIterator<Item = (SwarmMessage, Option<u64>, Instant)>) {
+        for (received, run, at) in received {
+            self.take(&ReceivedMessage { received, run, at });
+        }
+    }
+}
+
 fn mission(sender: u8, life: u64, sequence: u64) -> Heartbeat {
     Heartbeat {
         header: Header {
