@@ -31,8 +31,6 @@ struct Costs {
     message_us: f64,
     /// Rate at which a vehicle sends its state, Hz.
     states_hz: f64,
-    /// Rate at which it sends heartbeats, Hz.
-    heartbeat_hz: f64,
     /// Processor time of its steps, flight model included.
     step: StepTime,
 }
@@ -55,14 +53,14 @@ impl Costs {
         let (state_rates, step) = measure::flights(FLIGHT_S).map_err(failed)?;
         let states_hz = state_rates.iter().map(|rate| rate.states_hz).fold(0.0, f64::max);
         let known = message_us.zip(step);
-        Ok(known.map(|(message_us, step)| Self { message_us, states_hz, heartbeat_hz: measure::HEARTBEAT_HZ, step }))
+        Ok(known.map(|(message_us, step)| Self { message_us, states_hz, step }))
     }
 
     /// Number of cores that these agents need.
     fn cores(&self, Demand { agents, swarm, traces }: Demand) -> f64 {
         let (count, others) = (agents as f64, swarm as f64 - 1.0);
         let traces = if traces { count * FRAME_HZ } else { 0.0 };
-        let messages = count * others * (self.states_hz + self.heartbeat_hz) + traces;
+        let messages = count * others * (self.states_hz + measure::HEARTBEAT_HZ) + traces;
         let steps_us = count * FRAME_HZ * (self.step.alone_us + self.step.per_peer_us * others);
         (messages * self.message_us + steps_us) * 1e-6
     }
@@ -144,7 +142,7 @@ fn finding(costs: &Costs, demand: Demand, cores: usize) -> Option<String> {
             "{agents} {needed:.1} cores and this PC has {cores}: it can fly {most} (measured just now: {:.0} us of \
              processor time for a message, {:.0} messages a second from each agent to each other)",
             costs.message_us,
-            costs.states_hz + costs.heartbeat_hz
+            costs.states_hz + measure::HEARTBEAT_HZ
         )
     })
 }
@@ -177,12 +175,8 @@ mod tests {
     use super::*;
 
     /// Costs as measured on a PC with two cores.
-    const COSTS: Costs = Costs {
-        message_us: 100.0,
-        states_hz: 5.0,
-        heartbeat_hz: 5.0,
-        step: StepTime { alone_us: 10.0, per_peer_us: 0.0 },
-    };
+    const COSTS: Costs =
+        Costs { message_us: 100.0, states_hz: 5.0, step: StepTime { alone_us: 10.0, per_peer_us: 0.0 } };
 
     #[test]
     fn the_cost_grows_with_the_pairs() {

@@ -100,7 +100,7 @@ pub(crate) fn check_for_flight(inventory: &Inventory, now: OffsetDateTime) -> Re
     for file in files {
         // A second PC may have a part of the folder.
         let Some(certificate) = folder.read(&file)? else { continue };
-        if certificate::expires_within_a_flight(&certificate, now) {
+        if certificate::expires(&certificate).is_some_and(|end| end < now + certificate::FLIGHT) {
             expiring.push(file);
         }
     }

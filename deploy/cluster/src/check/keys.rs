@@ -3,7 +3,7 @@
 
 use super::Line;
 use crate::inventory::{Inventory, SecurityKind};
-use crate::keys::certificate::{expires, unfit};
+use crate::keys::certificate::{Unfit, expires, unfit};
 use crate::keys::folder::{AUTHORITY, Folder, ORDERS_KEY, ORDERS_PUBLIC, certificate_file, key_file};
 use crate::keys::{Role, certificate_spec, day, roles, shared_observer};
 use skein_host::clock;
@@ -72,8 +72,8 @@ fn faults(inventory: &Inventory, file: &str) -> Result<Vec<Line>, Error> {
             None => lines.push(line(format!("{certificate} or its key is missing")).fault(again)),
             Some(pair) => match unfit(&pair, &certificate_spec(inventory, &names, role), &authority, clock::utc()) {
                 None => {}
-                Some(why) if why.forbids_flight() => lines.push(line(format!("{certificate} {why}")).fault(again)),
-                Some(why) => lines.push(line(format!("{certificate} {why}")).warning(again)),
+                Some(why @ Unfit::Expiring) => lines.push(line(format!("{certificate} {why}")).warning(again)),
+                Some(why) => lines.push(line(format!("{certificate} {why}")).fault(again)),
             },
         }
     }

@@ -22,7 +22,7 @@ const AUTHORITY_VALID: Duration = Duration::days(3650);
 const RENEW_BEFORE: Duration = Duration::days(30);
 /// Remaining validity below which no flight begins. A link outlives its certificates, but a vehicle that is restarted in
 /// flight needs a new link.
-const FLIGHT: Duration = Duration::hours(24);
+pub(crate) const FLIGHT: Duration = Duration::hours(24);
 /// Time by which the start of a certificate's validity is backdated: a node whose clock is behind could not connect until then. The
 /// clock of a PC without a battery may be days behind.
 const BACKDATED: Duration = Duration::days(7);
@@ -85,36 +85,26 @@ impl Unfit {
     pub(crate) fn is_fatal(&self) -> bool {
         !matches!(self, Self::Expiring | Self::ExpiringToday)
     }
-
-    /// Whether no flight may begin with the certificate.
-    pub(crate) fn forbids_flight(&self) -> bool {
-        *self != Self::Expiring
-    }
 }
 
 impl Authority {
     /// Creates an authority with a new key.
     pub(crate) fn new(swarm: &str, now: OffsetDateTime) -> Result<(Self, Pair), rcgen::Error> {
-        let key = KeyPair::generate()?;
-        let pair = Pair { certificate: Self::sign_itself(swarm, &key, now)?, key: key.serialize_pem() };
-        Ok((Self::read(&pair)?, pair))
+        Self::renewed(swarm, &KeyPair::generate()?.serialize_pem(), now)
     }
 
     /// Issues the authority's certificate again with a new end of validity. Certificates that it has signed stay valid,
     /// because the key is the same.
     pub(crate) fn renewed(swarm: &str, key: &str, now: OffsetDateTime) -> Result<(Self, Pair), rcgen::Error> {
-        let pair = Pair { certificate: Self::sign_itself(swarm, &KeyPair::from_pem(key)?, now)?, key: key.to_owned() };
-        Ok((Self::read(&pair)?, pair))
-    }
-
-    fn sign_itself(swarm: &str, key: &KeyPair, now: OffsetDateTime) -> Result<String, rcgen::Error> {
         let mut params = CertificateParams::new(Vec::new())?;
         params.distinguished_name = DistinguishedName::new();
         params.distinguished_name.push(DnType::CommonName, Self::name(swarm));
         params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
         params.key_usages = vec![KeyUsagePurpose::KeyCertSign];
         (params.not_before, params.not_after) = (now - BACKDATED, now + AUTHORITY_VALID);
-        Ok(params.self_signed(key)?.pem())
+        let certificate = params.self_signed(&KeyPair::from_pem(key)?)?.pem();
+        let pair = Pair { certificate, key: key.to_owned() };
+        Ok((Self::read(&pair)?, pair))
     }
 
     /// Common name of the authority of this swarm.
@@ -166,11 +156,6 @@ impl Authority {
 pub(crate) fn expires(certificate: &str) -> Option<OffsetDateTime> {
     let pem = pem(certificate)?;
     Some(pem.parse_x509().ok()?.validity().not_after.to_datetime())
-}
-
-/// Whether a certificate expires so soon that no flight may begin with it.
-pub(crate) fn expires_within_a_flight(certificate: &str, now: OffsetDateTime) -> bool {
-    expires(certificate).is_some_and(|end| end < now + FLIGHT)
 }
 
 /// Returns the common name and the public key in a certificate.

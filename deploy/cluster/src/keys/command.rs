@@ -296,13 +296,11 @@ impl Maker<'_> {
         let (certificate, key) = (certificate_file(certificate_spec.role), key_file(certificate_spec.role));
         let there = self.folder.pair(&certificate, &key)?;
         let unfit = there.as_ref().map(|pair| unfit(pair, certificate_spec, &authority.certificate, self.now));
-        let done = match unfit {
-            None => Some("made".to_owned()),
-            Some(unfit) => match (replaced, unfit) {
-                (Some(why), _) => Some(format!("issued again: {why}")),
-                (None, Some(why)) => Some(format!("issued again: {why}")),
-                (None, None) => asked.then(|| "issued again".to_owned()),
-            },
+        let done = match (unfit, replaced) {
+            (None, _) => Some("made".to_owned()),
+            (Some(_), Some(why)) => Some(format!("issued again: {why}")),
+            (Some(Some(why)), None) => Some(format!("issued again: {why}")),
+            (Some(None), None) => asked.then(|| "issued again".to_owned()),
         };
         let certificate = match there.filter(|_| done.is_none()) {
             Some(pair) => pair.certificate,
