@@ -36,9 +36,7 @@ pub struct Endpoints {
 
 /// An endpoints file. Dropping this value deletes the file.
 #[derive(Debug)]
-pub struct EndpointsFile {
-    path: PathBuf,
-}
+pub struct EndpointsFile(PathBuf);
 
 impl EndpointsFile {
     /// Keeps the file, because the swarm outlives this process.
@@ -50,7 +48,7 @@ impl EndpointsFile {
 impl Drop for EndpointsFile {
     fn drop(&mut self) {
         // A file left behind does no harm: its reader finds that no agent answers.
-        let _ = fs::remove_file(&self.path);
+        let _ = fs::remove_file(&self.0);
     }
 }
 
@@ -63,7 +61,7 @@ impl Endpoints {
         os::private_folder(folder)?;
         let path = path(folder, &self.swarm);
         atomic_file::write(&path, skein_lab::terminal::json(self).as_bytes(), Durability::Secret)?;
-        Ok(EndpointsFile { path })
+        Ok(EndpointsFile(path))
     }
 
     /// The swarm's branch, or those of the teams of a fleet, in order.

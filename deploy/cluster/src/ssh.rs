@@ -14,11 +14,12 @@ use std::convert::Infallible;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
 use std::io::{self, BufRead, BufReader, Read, Write};
+use std::iter;
 use std::num::NonZeroUsize;
 use std::path::Path;
-use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
@@ -126,7 +127,12 @@ impl Ssh {
         within: Duration,
     ) -> Result<CommandOutput, String> {
         let (mut child, marks) = self.spawn(host, command)?;
-        write_input(child.stdin.take(), stdin);
+        if let Some(mut pipe) = child.stdin.take() {
+            let bytes = stdin.clone();
+            // In a thread, which ends with the child, because it can take long. An error is ignored: a command that does not read
+            // its input reports why or returns a status.
+            thread::spawn(move || pipe.write_all(&bytes));
+        }
         let stdout = collect(child.stdout.take(), MAX_ANSWER);
         let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
         let Some(status) = wait(&mut child, within).map_err(|error| format!("{host}: {error}"))? else {
@@ -305,48 +311,32 @@ pub fn quote(argument: &str) -> String {
     format!("'{}'", argument.replace('\'', r"'\''"))
 }
 
-/// Writes the child's standard input in a thread, because it can take long. The thread ends with the child.
-fn write_input(stdin: Option<ChildStdin>, bytes: &Arc<[u8]>) {
-    let bytes = bytes.clone();
-    if let Some(mut stdin) = stdin {
-        // An error is ignored: a command that does not read its input reports why or returns a status.
-        thread::spawn(move || stdin.write_all(&bytes));
-    }
-}
-
-/// Output of a child, collected in a thread.
-struct Collected {
-    bytes: Arc<Mutex<Vec<u8>>>,
-    ended: Receiver<()>,
-}
+/// Output of a child, read in a thread and received in pieces.
+struct Collected(Receiver<Vec<u8>>);
 
 impl Collected {
-    /// Returns the output after the child has ended, once the pipe is closed or this time is over.
+    /// Returns the output after the child has ended, once the pipe is closed; on a timeout what has arrived.
     fn text(self, within: Duration) -> String {
-        // On a timeout, return what has arrived.
-        let _ = self.ended.recv_timeout(within);
-        let bytes = self.bytes.lock().unwrap_or_else(PoisonError::into_inner);
-        String::from_utf8_lossy(&bytes).into_owned()
+        let until = clock::now() + within;
+        let next = || self.0.recv_timeout(until.saturating_duration_since(clock::now())).ok();
+        String::from_utf8_lossy(&iter::from_fn(next).flatten().collect::<Vec<u8>>()).into_owned()
     }
 }
 
 /// Reads a pipe to its end and keeps at most `max` bytes.
 fn collect(pipe: Option<impl Read + Send + 'static>, max: u64) -> Collected {
-    let bytes = Arc::new(Mutex::new(Vec::new()));
-    let (end, ended) = channel();
-    let kept = bytes.clone();
+    let (pieces, received) = channel();
     thread::spawn(move || {
-        let mut some = [0; 8192];
-        let mut pipe = pipe;
+        let (mut some, mut kept, mut pipe) = ([0; 8192], 0, pipe);
         while let Some(read) = pipe.as_mut().and_then(|pipe| pipe.read(&mut some).ok()).filter(|read| *read > 0) {
-            let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-            if kept.len() as u64 + read as u64 <= max {
-                kept.extend_from_slice(&some[..read]);
+            if kept + read as u64 <= max {
+                kept += read as u64;
+                // Without a receiver the rest is read all the same, so that the child can write it.
+                let _ = pieces.send(some[..read].to_vec());
             }
         }
-        let _ = end.send(());
     });
-    Collected { bytes, ended }
+    Collected(received)
 }
 
 /// Waits for the child to end. After `within` it kills the child and returns `None`.
