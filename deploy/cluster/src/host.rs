@@ -28,14 +28,12 @@ mod systemd;
 mod watchdog;
 
 use std::io::{self, Read};
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
 use serde::Deserialize;
-use skein_agent::config::AgentOptions;
 use skein_common::id::VehicleName;
 
 use super::protocol::{Answer, Ask, Change, Request, Setup};
@@ -44,6 +42,7 @@ use crate::findings::Line;
 use node::{INSTALLS, LOG, NodeFolder, RUN, Settings};
 use place::SwarmFolder;
 pub(crate) use service::START_WITHIN;
+pub use service::fly;
 use skein_lab::error::Error;
 
 /// `skein node`
@@ -77,11 +76,6 @@ pub fn run(args: &NodeArgs) -> Result<(), Error> {
     let answer = serde_json::to_string(&answer).map_err(|error| Error::Failed(error.to_string()))?;
     skein_lab::terminal::say(&format!("{answer}\n"));
     Ok(())
-}
-
-/// Runs `skein agent`: flies one vehicle.
-pub fn fly(options: &AgentOptions) -> ExitCode {
-    service::fly(options)
 }
 
 /// Reads the request, the first JSON value of the input. The input may stay open after it.

@@ -121,7 +121,7 @@ fn lines(
     if survey.has_answered() {
         lines.push(answer(place, &survey));
         lines.push(version(place, &survey));
-        let web = web::WebChecks::of(web);
+        let web = web::WebChecks(web.open());
         lines.extend(web.lines(place, &survey, profile));
         // A thread that panicked has printed the reason.
         lines.extend(beacon.join().map(|heard| announces(place, surveyor.simulator.port(), heard)));

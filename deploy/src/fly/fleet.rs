@@ -98,7 +98,7 @@ impl Flights {
 
     /// Shows the lines about the page beside the flights, and offers the QR code of its address.
     pub fn tell_of_page(&mut self, lines: Vec<String>, code: Option<String>) {
-        self.screen.offer(code);
+        self.screen.code = code;
         if let Some(first) = self.running.first_mut() {
             lines.into_iter().for_each(|line| first.show(clock::now(), line));
         }
@@ -124,13 +124,13 @@ impl Flights {
             }
             for nth in over.into_iter().rev() {
                 let mut flight = self.running.remove(nth);
-                let (status, news) = (flight.status(now), flight.take_news(now, true));
+                let (status, news) = (flight.status(now), flight.journal.take_news(now, true));
                 let news = shown(flight.scenario(), news);
                 self.screen.show(&self.status(now), &news, now);
                 self.statuses.push(status);
                 self.over.push(flight.end());
             }
-            let has_news = self.running.iter().any(|flight| flight.has_news(now));
+            let has_news = self.running.iter().any(|flight| flight.journal.has_news(now));
             if self.screen.is_due(now, has_news) {
                 self.draw(now, false);
             }
@@ -175,7 +175,7 @@ impl Flights {
         let all_have_begun = || self.running.iter().all(Flight::has_begun);
         let wants_places = self.recorder.as_mut().is_some_and(|recorder| recorder.is_due(now, all_have_begun));
         for flight in &mut self.running {
-            let (happened, team) = (flight.take_happened(), flight.scenario().team.map(|team| team.id));
+            let (happened, team) = (std::mem::take(&mut flight.happened), flight.scenario().team.map(|team| team.id));
             if let (Some(recorder), Some(team)) = (&mut self.recorder, team) {
                 for Happened { at, line, .. } in &happened {
                     match line {
@@ -202,7 +202,7 @@ impl Flights {
     /// Brings the screen up to date; at the `end` with all news.
     fn draw(&mut self, now: Instant, end: bool) {
         let news = self.running.iter_mut().flat_map(|flight| {
-            let news = flight.take_news(now, end);
+            let news = flight.journal.take_news(now, end);
             shown(flight.scenario(), news)
         });
         let news: Vec<String> = news.collect();

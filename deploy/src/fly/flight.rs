@@ -102,10 +102,11 @@ pub struct Flight {
     orders: Vec<(Order, Instant)>,
     /// The orders that were given from here.
     given: StandingOrders,
-    journal: Journal,
+    /// The events as people read them.
+    pub(super) journal: Journal,
     lost: Vec<String>,
     /// Events that are not yet in the stream of `--json`, and in the recording of a fleet.
-    happened: Vec<Happened>,
+    pub(super) happened: Vec<Happened>,
     /// The reason why the flight failed, though it came to its end.
     failure: Option<String>,
     /// Its user has asked before the window was over.
@@ -443,16 +444,6 @@ impl Flight {
             false if self.killed.contains(id) => Ending::Killed,
             false => Ending::Lost,
         })
-    }
-
-    /// Whether lines about events wait to be written.
-    pub fn has_news(&self, now: Instant) -> bool {
-        self.journal.has_news(now)
-    }
-
-    /// The lines about events that are to be written now; at the `end` all that are left.
-    pub fn take_news(&mut self, now: Instant, end: bool) -> Vec<String> {
-        self.journal.take_news(now, end)
     }
 
     /// The scenario in flight.

@@ -41,9 +41,12 @@ pub(super) fn show(swarm: &SwarmArgs) -> Result<(), Error> {
         for ((observer, journal), team) in observers.each().iter_mut().zip(&mut journals).zip(&teams) {
             for (received, at) in observer.poll_timed() {
                 let SwarmMessage::Event(event) = received else { continue };
-                let all: VehicleSet = team.scenario.ids().collect();
+                let mut awaited: VehicleSet = team.scenario.ids().collect();
+                if let EventKind::PeerFound(peer) | EventKind::PeerLost(peer) = event.what {
+                    awaited.remove(peer);
+                }
                 let when = When { now: at, window_s: Some(at.saturating_duration_since(began).as_secs_f64()) };
-                journal.add_alike(when, event.header.sender, journal::alike(&event.what), awaited(all, &event.what));
+                journal.add_alike(when, event.header.sender, journal::alike(&event.what), awaited);
             }
         }
         let has_news = journals.iter().any(|journal| journal.has_news(now));
@@ -61,14 +64,6 @@ pub(super) fn show(swarm: &SwarmArgs) -> Result<(), Error> {
         clock::sleep(TICK);
     }
     Ok(())
-}
-
-/// The vehicles that are expected to report the same event.
-fn awaited(mut all: VehicleSet, what: &EventKind) -> VehicleSet {
-    if let EventKind::PeerFound(peer) | EventKind::PeerLost(peer) = what {
-        all.remove(*peer);
-    }
-    all
 }
 
 /// One team as people look at it.

@@ -35,8 +35,8 @@ pub struct Screen {
     face: Face,
     next: Option<Instant>,
     shown: Shown,
-    /// The QR code of the live page's address, if a phone can open it.
-    code: Option<String>,
+    /// The QR code of the live page's address, which a key shows, if a phone can open it.
+    pub code: Option<String>,
 }
 
 #[derive(Debug)]
@@ -110,11 +110,6 @@ impl Screen {
             }
         }
         count
-    }
-
-    /// Offers the QR code of the live page's address, which a key shows.
-    pub fn offer(&mut self, code: Option<String>) {
-        self.code = code;
     }
 
     fn toggle(&mut self, what: Shown) {

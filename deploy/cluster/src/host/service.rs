@@ -224,9 +224,9 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     Err(at(&program)(os::become_program(&mut command)))
 }
 
-/// Flies one vehicle. An agent that has ended successfully writes a mark file, if asked to: a supervisor that has taken
+/// Runs `skein agent`: flies one vehicle. An agent that has ended successfully writes a mark file, if asked to: a supervisor that has taken
 /// it over cannot read its exit status.
-pub(super) fn fly(options: &AgentOptions) -> ExitCode {
+pub fn fly(options: &AgentOptions) -> ExitCode {
     let status = skein_agent::run::program(options);
     if let Some(mark) = std::env::var_os(MARK).filter(|_| status == ExitCode::SUCCESS) {
         // If this fails, the agent is restarted.

@@ -152,7 +152,7 @@ fn the_states_are_read_by_the_web_api_where_it_answers_and_the_command_that_rese
     assert!(surveyor.reads(&[RANDOM_FAILURES[0].to_owned(), REPLAY.to_owned()], 1.0).unwrap());
     surveyor.command("sim/operation/pause_on");
     assert!(surveyor.reads(&[PAUSED.to_owned()], 1.0).unwrap());
-    let web = web::WebChecks::of(&running.web);
+    let web = web::WebChecks(running.web.open());
     // What UDP has received says the opposite, or nothing.
     let bad = states("here", &|path| web.number(path).or(Some(0.0)));
     for what in ["pause", "replay", "crash"] {

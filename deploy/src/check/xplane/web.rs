@@ -5,19 +5,15 @@ use skein_core::aircraft::Profile;
 use skein_cluster::findings::Line;
 use skein_cluster::simulators::reset::RESET;
 use skein_cluster::simulators::survey::{ACF, Survey, VERSION};
-use skein_cluster::simulators::web::{WebApi, WebChoice, WebError};
+use skein_cluster::simulators::web::{WebApi, WebError};
 
 /// First version number with a Web API, and the first that starts flights.
 const FIRST: f32 = 121_100.0;
 
 /// The Web API as it was found, if it was looked for.
-pub(super) struct WebChecks(Option<Result<WebApi, WebError>>);
+pub(super) struct WebChecks(pub(super) Option<Result<WebApi, WebError>>);
 
 impl WebChecks {
-    pub(super) fn of(choice: &WebChoice) -> Self {
-        Self(choice.open())
-    }
-
     fn api(&self) -> Option<&WebApi> {
         self.0.as_ref()?.as_ref().ok()
     }

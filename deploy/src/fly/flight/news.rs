@@ -95,11 +95,6 @@ impl Flight {
         self.happened.push(Happened { at, window_s, line });
     }
 
-    /// Takes what has happened since the last call.
-    pub fn take_happened(&mut self) -> Vec<Happened> {
-        std::mem::take(&mut self.happened)
-    }
-
     fn when(&self, now: Instant) -> When {
         When { now, window_s: self.zero.as_ref().map(|_| self.since_zero_s(now)) }
     }
