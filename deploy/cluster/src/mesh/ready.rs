@@ -49,11 +49,16 @@ impl Watch {
     /// Returns the vehicle's present incarnation, after waiting up to [`CONTACT_TIMEOUT`] for a heartbeat.
     pub fn incarnation(&mut self, id: VehicleName) -> Option<Incarnation> {
         let until = clock::now() + CONTACT_TIMEOUT;
+        self.wait(until, |observers| Some(observers.view(id)?.mission.as_ref()?.header.incarnation))
+    }
+
+    /// Receives messages until `find` gives something, at most until `until`.
+    fn wait<T>(&mut self, until: Instant, mut find: impl FnMut(&Observers) -> Option<T>) -> Option<T> {
         loop {
             self.observers.poll();
-            let mission = self.observers.view(id).and_then(|view| view.mission.as_ref());
-            if mission.is_some() || clock::now() >= until {
-                return mission.map(|mission| mission.header.incarnation);
+            let found = find(&self.observers);
+            if found.is_some() || clock::now() >= until {
+                return found;
             }
             clock::sleep(POLL_PERIOD);
         }
@@ -99,17 +104,13 @@ impl Watch {
 
     /// Waits until the vehicle has taken off in an incarnation newer than `after`, at most until `until`. Returns whether it has.
     pub fn has_taken_off(&mut self, id: VehicleName, after: Option<Incarnation>, until: Instant) -> bool {
-        loop {
-            self.observers.poll();
-            let summary = self.observers.view(id).and_then(|view| view.summary.as_ref());
-            let summary = summary.filter(|summary| after.is_none_or(|before| summary.header.incarnation > before));
-            let on_ground = |activity| matches!(activity, Activity::Joining | Activity::TakingOff);
-            let has = summary.is_some_and(|summary| !on_ground(summary.facts.activity));
-            if has || clock::now() >= until {
-                return has;
-            }
-            clock::sleep(POLL_PERIOD);
-        }
+        let has = |observers: &Observers| {
+            let summary = observers.view(id)?.summary.as_ref()?;
+            let is_new = after.is_none_or(|before| summary.header.incarnation > before);
+            let on_ground = matches!(summary.facts.activity, Activity::Joining | Activity::TakingOff);
+            (is_new && !on_ground).then_some(())
+        };
+        self.wait(until, has).is_some()
     }
 
     /// Waits until none of these vehicles is in contact, at most until `until`. Calls `report` for each as it leaves.
@@ -120,21 +121,16 @@ impl Watch {
         until: Instant,
         mut report: impl FnMut(VehicleName),
     ) -> BTreeSet<VehicleName> {
-        let mut reported = BTreeSet::new();
-        loop {
-            self.observers.poll();
+        let (mut reported, mut there) = (BTreeSet::new(), BTreeSet::new());
+        self.wait(until, |observers| {
             // A vehicle that was lost only briefly returns and is waited for again.
-            let (there, gone): (BTreeSet<_>, BTreeSet<_>) = ids.iter().partition(|id| self.is_there(**id));
-            for id in &gone {
-                if reported.insert(*id) {
-                    report(*id);
-                }
-            }
-            if there.is_empty() || clock::now() >= until {
-                return there;
-            }
-            clock::sleep(POLL_PERIOD);
-        }
+            let is_there = |id: &VehicleName| observers.view(*id).is_some_and(|view| view.alive);
+            let (present, gone): (BTreeSet<_>, BTreeSet<_>) = ids.iter().copied().partition(is_there);
+            gone.into_iter().filter(|id| reported.insert(*id)).for_each(&mut report);
+            there = present;
+            there.is_empty().then_some(())
+        });
+        there
     }
 }
 
