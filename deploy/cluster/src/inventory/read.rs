@@ -72,69 +72,47 @@ impl Inventory {
             ))
         })?;
         let path = std::path::absolute(path).map_err(|error| Error::Refused(format!("{name}: {error}")))?;
-        let of_scenario = |path: &Path, swarm: &SwarmName| {
-            let args = ScenarioArgs { scenario: Some(path.to_owned()), sets: Vec::new() };
-            args.read_any(vec![format!("swarm.name={}", toml::Value::from(swarm.as_str()))])
-        };
-        read(&path, &Source { name: &name, text: &text }, of_scenario).map_err(|fault| match fault {
-            FileFault::Here(fault) => Error::Scenario { fault, text },
-            FileFault::Scenario(error) => error,
+        let source = Source { name: &name, text: &text };
+        let here = |fault: ScenarioError| Error::Scenario { fault: fault.into(), text: text.clone() };
+        if toml::from_str::<toml::Table>(&text).is_ok_and(|table| table.is_empty()) {
+            let help = "it has `swarm`, `scenario` and a table `[node.N]` with `host` and `address` for each vehicle";
+            let empty = Written::read(&source, FileKind::Cluster, &[]).map_err(here)?;
+            return Err(here(empty.fault("", "this cluster file is empty", Some(help.to_owned()))));
+        }
+        let written = Written::read(&source, FileKind::Cluster, KEYS).map_err(here)?;
+        let bad = |key: &str, message: String, help: Option<String>| here(written.fault(key, message, help));
+        let value = |key: &str| written.text(key).unwrap_or_default();
+        let swarm = SwarmName::new(value("swarm")).map_err(|error| bad("swarm", error.to_string(), None))?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let scenario_path = folder.join(value("scenario"));
+        let scenario_text = fs::read_to_string(&scenario_path).map_err(|error| {
+            let message = format!("`scenario`: {}: {error}", scenario_path.display());
+            bad("scenario", message, Some("the path is relative to this file's folder".to_owned()))
+        })?;
+        let args = ScenarioArgs { scenario: Some(scenario_path.clone()), sets: Vec::new() };
+        let scenario = args.read_any(vec![format!("swarm.name={}", toml::Value::from(swarm.as_str()))])?;
+        let teams = scenario.all();
+        fleet::check_size(teams).map_err(|why| bad("scenario", format!("`scenario`: {why}"), None))?;
+        check_vehicles(&written, &value("scenario"), &scenario).map_err(here)?;
+        let vehicles = teams.iter().flat_map(|team| fleet::names(&team.scenario).map(move |id| (id, &team.scenario)));
+        let nodes: BTreeMap<_, _> = vehicles
+            .zip(fleet::ports(teams))
+            .map(|((id, scenario), (_, port))| Ok((id, Reader { written: &written, id }.node(folder, scenario, port)?)))
+            .collect::<Result<_, ScenarioError>>()
+            .map_err(here)?;
+        check_simulators_are_not_shared(&written, &nodes).map_err(here)?;
+        Ok(Self {
+            security: if value("security") == "none" { SecurityKind::None } else { SecurityKind::Tls },
+            files: files(&written, folder).map_err(here)?,
+            keys: folder.join(written.text("keys").unwrap_or("keys".to_owned())),
+            path,
+            swarm,
+            scenario_path,
+            scenario_text,
+            scenario,
+            nodes,
         })
     }
-}
-
-/// A fault, in the cluster file or in the scenario.
-enum FileFault {
-    Here(Box<ScenarioError>),
-    Scenario(Error),
-}
-
-impl From<ScenarioError> for FileFault {
-    fn from(fault: ScenarioError) -> Self {
-        Self::Here(Box::new(fault))
-    }
-}
-
-fn read(
-    path: &Path,
-    source: &Source<'_>,
-    of_scenario: impl FnOnce(&Path, &SwarmName) -> Result<Described, Error>,
-) -> Result<Inventory, FileFault> {
-    if toml::from_str::<toml::Table>(source.text).is_ok_and(|table| table.is_empty()) {
-        let help = "it has `swarm`, `scenario` and a table `[node.N]` with `host` and `address` for each vehicle";
-        let empty = Written::read(source, FileKind::Cluster, &[])?;
-        return Err(empty.fault("", "this cluster file is empty", Some(help.to_owned())).into());
-    }
-    let written = Written::read(source, FileKind::Cluster, KEYS)?;
-    let text = |key: &str| written.text(key).unwrap_or_default();
-    let swarm = SwarmName::new(text("swarm")).map_err(|error| written.fault("swarm", error.to_string(), None))?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let scenario_path = folder.join(text("scenario"));
-    let scenario_text = fs::read_to_string(&scenario_path).map_err(|error| {
-        let message = format!("`scenario`: {}: {error}", scenario_path.display());
-        written.fault("scenario", message, Some("the path is relative to this file's folder".to_owned()))
-    })?;
-    let scenario = of_scenario(&scenario_path, &swarm).map_err(FileFault::Scenario)?;
-    let teams = scenario.all();
-    fleet::check_size(teams).map_err(|why| written.fault("scenario", format!("`scenario`: {why}"), None))?;
-    check_vehicles(&written, &text("scenario"), &scenario)?;
-    let vehicles = teams.iter().flat_map(|team| fleet::names(&team.scenario).map(move |id| (id, &team.scenario)));
-    let nodes: BTreeMap<_, _> = vehicles
-        .zip(fleet::ports(teams))
-        .map(|((id, scenario), (_, port))| Ok((id, Reader { written: &written, id }.node(folder, scenario, port)?)))
-        .collect::<Result<_, ScenarioError>>()?;
-    check_simulators_are_not_shared(&written, &nodes)?;
-    Ok(Inventory {
-        security: if text("security") == "none" { SecurityKind::None } else { SecurityKind::Tls },
-        files: files(&written, folder)?,
-        keys: folder.join(written.text("keys").unwrap_or("keys".to_owned())),
-        path: path.to_owned(),
-        swarm,
-        scenario_path,
-        scenario_text,
-        scenario,
-        nodes,
-    })
 }
 
 /// Paths of `files`: what may be copied to the nodes. All of them must exist.
@@ -241,15 +219,11 @@ impl Reader<'_> {
         for key in ["host", "address", "xplane"] {
             self.not_link_local(key)?;
         }
-        let address = match self.checked("address", "an IP address or a name, without a port", is_address)? {
-            Some(address) => address,
-            None => match host.as_deref().filter(|host| host.parse::<IpAddr>().is_ok()) {
-                Some(host) => host.to_owned(),
-                None => {
-                    let help = "`address = \"10.0.0.11\"`: an address of that host that all other hosts can reach";
-                    return Err(self.missing("address", "peers cannot use the names of ssh's configuration", help));
-                }
-            },
+        let stated = self.checked("address", "an IP address or a name, without a port", is_address)?;
+        let of_host = || host.clone().filter(|host| host.parse::<IpAddr>().is_ok());
+        let Some(address) = stated.or_else(of_host) else {
+            let help = "`address = \"10.0.0.11\"`: an address of that host that all other hosts can reach";
+            return Err(self.missing("address", "peers cannot use the names of ssh's configuration", help));
         };
         let plant = self.value("plant").and_then(|name| PlantKind::named(&name)).unwrap_or(scenario.swarm.plant);
         let binary = self.value("binary").map(|binary| folder.join(binary));
@@ -323,18 +297,14 @@ impl Reader<'_> {
 
     /// Refuses a link-local address where the interface of each PC that dials it would have to be known.
     fn not_link_local(&self, key: &str) -> Result<(), ScenarioError> {
-        let Some(text) = self.value(key) else { return Ok(()) };
         // ssh on this PC alone dials `host`, and takes the interface behind a `%`.
-        match is_link_local(&text) && !(key == "host" && text.contains('%')) {
-            false => Ok(()),
-            true => {
-                let path = self.path(key);
-                let why = "a link-local address, which each PC can dial only over an interface that it names itself";
-                let help = "give an address that all nodes reach, such as 10.0.0.11 or fd00::11; `ip address` on the host lists its \
-                            addresses";
-                Err(self.written.fault(&path, format!("`{path}` is \"{text}\", {why}"), Some(help.to_owned())))
-            }
-        }
+        let is_wrong = |text: &String| is_link_local(text) && !(key == "host" && text.contains('%'));
+        let Some(text) = self.value(key).filter(is_wrong) else { return Ok(()) };
+        let path = self.path(key);
+        let why = "a link-local address, which each PC can dial only over an interface that it names itself";
+        let help = "give an address that all nodes reach, such as 10.0.0.11 or fd00::11; `ip address` on the host lists its \
+                    addresses";
+        Err(self.written.fault(&path, format!("`{path}` is \"{text}\", {why}"), Some(help.to_owned())))
     }
 
     fn missing(&self, key: &str, why: &str, help: &str) -> ScenarioError {
