@@ -73,8 +73,7 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
     for node in chosen.manual() {
         eprintln!("{}: installed by hand, its log is where it was started", name(node.id));
     }
-    let writer =
-        Writer { json: args.json, colours: !args.json && skein_lab::terminal::shows_colours(&std::io::stdout()) };
+    let colours = skein_lab::terminal::shows_colours(&std::io::stdout());
     let width = chosen.ids.iter().map(|id| name(*id).len()).max().unwrap_or(0);
     let (lines, inbox) = sync_channel::<LogLine>(QUEUE);
     let source = Source { remote, lines: args.lines, follow: args.follow };
@@ -96,7 +95,11 @@ pub fn run(args: &LogsArgs) -> Result<(), Error> {
                 failed.map(|node| node.id).collect::<Vec<_>>()
             })
         });
-        inbox.iter().for_each(|entry| skein_lab::terminal::draw(&writer.line(&entry, width)));
+        let shown = |entry: &LogLine| match args.json {
+            true => serde_json::to_string(entry).unwrap_or_default() + "\n",
+            false => line(entry, width, colours),
+        };
+        inbox.iter().for_each(|entry| skein_lab::terminal::draw(&shown(&entry)));
         asked.join().unwrap_or_default().concat()
     });
     nodes::fail_if_any(chosen.ids.iter().map(|id| (*id, failed.contains(id))), "not shown")
@@ -150,30 +153,13 @@ impl Source<'_> {
     }
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Writer {
-    json: bool,
-    colours: bool,
-}
-
-impl Writer {
-    fn line(self, entry: &LogLine, width: usize) -> String {
-        if self.json {
-            let json = serde_json::to_string(entry).unwrap_or_default();
-            return json + "\n";
-        }
-        let name = name(entry.node);
-        let name = match self.colours {
-            true => {
-                format!(
-                    "\u{1b}[{}m{name:width$} |\u{1b}[0m",
-                    COLOURS[usize::from(entry.node.vehicle.get()) % COLOURS.len()]
-                )
-            }
-            false => format!("{name:width$} |"),
-        };
-        format!("{name} {}\n", entry.line)
+fn line(LogLine { node, line }: &LogLine, width: usize, colours: bool) -> String {
+    let name = name(*node);
+    if !colours {
+        return format!("{name:width$} | {line}\n");
     }
+    let colour = COLOURS[usize::from(node.vehicle.get()) % COLOURS.len()];
+    format!("\u{1b}[{colour}m{name:width$} |\u{1b}[0m {line}\n")
 }
 
 fn name(id: VehicleName) -> String {

@@ -190,8 +190,11 @@ impl Watcher {
             if is_other {
                 self.find(now);
             }
-            if let (Some(watched), Some(_)) = (&mut self.watched, &self.problem) {
-                watched.look_for_others();
+            if let (Some(watched), Some(_)) = (&mut self.watched, &self.problem)
+                && let Place::Here(there) = &*watched.place
+            {
+                // The operator may have meant another swarm of this PC.
+                watched.others = endpoints::others(&endpoints::folder(), &there.swarm);
             }
         }
         self.take(now);
@@ -269,13 +272,6 @@ impl Watched {
         let (answered, is_complete, others) = (now, false, None);
         let watched = Self { place, reaches, observers, teams, hello, answered, zero, wanted, is_complete, others };
         Ok((watched, described))
-    }
-
-    /// Looks for other swarms of this PC, which the operator may have meant.
-    fn look_for_others(&mut self) {
-        if let Place::Here(there) = &*self.place {
-            self.others = endpoints::others(&endpoints::folder(), &there.swarm);
-        }
     }
 
     /// Whether every vehicle in contact has sent its summary since pages want pictures, or had the time to: a vehicle that was not

@@ -282,6 +282,9 @@ fn of_sample(team: &Team, known: &Known, row: &Row) -> Vehicle {
     let centre = team.to_page(PositionNed::new(north_m, east_m, 0.0));
     let (velocity, attitude) = team.motion_to_page(sample.place(), sample.velocity, sample.attitude);
     let process = sample.process;
+    // The formation of this vehicle's step, if an operator has changed it in flight.
+    let formation = team.scenario.formation_with(sample.step, &sample.settings);
+    let formation = formation.filter(|_| !sample.settings.is_empty());
     Vehicle {
         id,
         contact,
@@ -315,7 +318,7 @@ fn of_sample(team: &Team, known: &Known, row: &Row) -> Vehicle {
             .iter()
             .map(|peer| (team.name(peer.id).to_string(), peer.age_ms, standing(peer.standing)))
             .collect(),
-        formation: changed_formation(team, sample),
+        formation: formation.map(|formation| drawn_formation(&formation)),
         // Filled in by `add_nearest`.
         nearest_m: None,
         nearest: None,
@@ -323,12 +326,6 @@ fn of_sample(team: &Team, known: &Known, row: &Row) -> Vehicle {
         is_landed: sample.activity == Activity::Landed,
         is_on_the_ground: matches!(sample.activity, Activity::Landed | Activity::Joining),
     }
-}
-
-/// The formation of this vehicle's step, if an operator has changed it in flight.
-fn changed_formation(team: &Team, sample: &VehicleFacts) -> Option<Value> {
-    let formation = team.scenario.formation_with(sample.step, &sample.settings);
-    formation.filter(|_| !sample.settings.is_empty()).map(|formation| drawn_formation(&formation))
 }
 
 /// The probable position of a vehicle that has been silent for this time.

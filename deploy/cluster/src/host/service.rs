@@ -191,8 +191,9 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
         return Ok(());
     }
     let restarts = node.last_agent().map(|last| last.restarts + 1);
-    // Remove the sockets that an earlier agent has left.
-    for path in files::entries(&node.file(RUN)).into_iter().filter(|path| is_socket_folder(path)) {
+    // Remove the folders of sockets that an earlier agent has left, as its links name them.
+    let is_of_sockets = |path: &PathBuf| files::name(path).is_some_and(|name| name.starts_with("skein-"));
+    for path in files::entries(&node.file(RUN)).into_iter().filter(is_of_sockets) {
         files::remove(&path).map_err(at(&path))?;
     }
     let agent = AgentProcess { process: Process::own(), restarts: restarts.unwrap_or(0) };
@@ -239,11 +240,6 @@ pub fn fly(options: &AgentOptions) -> ExitCode {
 pub(super) fn sockets(node: &NodeFolder, service: Service, given: Option<OsString>) -> PathBuf {
     let given = given.filter(|_| service != Service::Own);
     given.map_or_else(|| node.file(RUN), PathBuf::from)
-}
-
-/// Whether this is a folder of sockets, as an agent's links name it.
-fn is_socket_folder(path: &Path) -> bool {
-    files::name(path).is_some_and(|name| name.starts_with("skein-"))
 }
 
 /// Returns the last line that the agent wrote, as the end of a sentence.

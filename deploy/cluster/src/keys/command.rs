@@ -103,7 +103,8 @@ pub fn run(args: &KeysArgs) -> Result<(), Error> {
     let lines = make(&inventory, args.renew, args.revoke, clock::utc())?;
     let changed = lines.iter().any(|line| line.done.is_some());
     if args.json {
-        skein_lab::terminal::say(&skein_lab::terminal::json(&as_json(&inventory, &lines)));
+        let object = json!({ "keys": inventory.keys, "changed": changed, "certificates": lines });
+        skein_lab::terminal::say(&skein_lab::terminal::json(&object));
     } else {
         skein_lab::terminal::say(&as_table(&lines));
         let next = if changed { next(args.revoke, &path) } else { "nothing had to be done".to_owned() };
@@ -350,14 +351,6 @@ fn as_table(lines: &[KeyFileLine]) -> String {
         vec![who, name, or_dash(address), or_dash(expires), or_dash(done)]
     };
     findings::table(&["who", "name", "address", "expires", "done"], lines.iter().map(row))
-}
-
-fn as_json(inventory: &Inventory, lines: &[KeyFileLine]) -> serde_json::Value {
-    json!({
-        "keys": inventory.keys,
-        "changed": lines.iter().any(|line| line.done.is_some()),
-        "certificates": lines,
-    })
 }
 
 #[cfg(test)]

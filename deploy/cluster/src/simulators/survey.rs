@@ -86,7 +86,9 @@ impl Surveyor {
         time: Duration,
         keeps_datagrams: bool,
     ) -> Result<Survey, Error> {
-        let first = first_index()?;
+        let random = os::random_bytes().map(i32::from_le_bytes);
+        let random = random.ok_or_else(|| Error::Failed("this system provides no random numbers".to_owned()))?;
+        let first = random & FIRST_INDEX_MASK;
         let begin = clock::now();
         let mut survey = Survey::default();
         let (mut until, mut ask_at) = (begin + SILENT, begin);
@@ -250,12 +252,6 @@ impl Survey {
 pub fn version_text(version: impl Into<i64>) -> String {
     let version = version.into();
     format!("{}.{}.{}", version / 10_000, version / 1_000 % 10, version / 100 % 10)
-}
-
-fn first_index() -> Result<i32, Error> {
-    let bytes = os::random_bytes();
-    let bytes = bytes.ok_or_else(|| Error::Failed("this system provides no random numbers".to_owned()))?;
-    Ok(i32::from_le_bytes(bytes) & FIRST_INDEX_MASK)
 }
 
 #[cfg(test)]
