@@ -52,35 +52,26 @@ pub struct RecordArgs {
     pub json: bool,
 }
 
-/// The result of a command: the object for programs, and the sentence for people.
-struct Written {
-    object: Value,
-    text: String,
-}
-
 /// Records, repairs or merges.
 ///
 /// # Errors
 /// If a file cannot be read or written, or no vehicle of the swarm answers.
 pub fn run(args: &RecordArgs) -> Result<(), Error> {
-    let Written { object, text } = match (&args.repair, &args.out) {
+    // The object for programs, and the sentence for people.
+    let (object, text) = match (&args.repair, &args.out) {
         (Some(broken), _) => {
             let whole = broken.with_extension("repaired.mcap");
             refuse_existing(&whole)?;
             let repaired = repair(broken).map_err(|error| about_file(broken, std::slice::from_ref(broken), error))?;
-            Written {
-                object: json!({ "file": whole, "repaired": broken, "result": repaired.to_string() }),
-                text: format!("{}: {repaired}", broken.display()),
-            }
+            let object = json!({ "file": whole, "repaired": broken, "result": repaired.to_string() });
+            (object, format!("{}: {repaired}", broken.display()))
         }
         (None, Some(out)) if args.merge.is_empty() => record(&args.swarm, args.team, out)?,
         (None, Some(out)) => {
             refuse_existing(out)?;
             let messages = merge(&args.merge, out).map_err(|error| about_file(out, &args.merge, error))?;
-            Written {
-                object: json!({ "file": out, "merged": args.merge, "messages": messages }),
-                text: format!("{}: {messages} messages of {} files", out.display(), args.merge.len()),
-            }
+            let object = json!({ "file": out, "merged": args.merge, "messages": messages });
+            (object, format!("{}: {messages} messages of {} files", out.display(), args.merge.len()))
         }
         (None, None) => return Err(Error::Refused("--out FILE is missing: the file to record into".to_owned())),
     };
@@ -107,8 +98,9 @@ fn about_file(path: &Path, sources: &[PathBuf], error: RecordError) -> Error {
     }
 }
 
-/// Records until Ctrl-C: a swarm or one team in full, or a fleet with its chosen teams beside it. Returns what was recorded.
-fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written, Error> {
+/// Records until Ctrl-C: a swarm or one team in full, or a fleet with its chosen teams beside it. Returns what was recorded,
+/// as an object and as a sentence.
+fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<(Value, String), Error> {
     refuse_existing(out)?;
     let place = swarm.choose()?;
     let reaches = place.reach_teams(Role::Observer, team.as_slice())?;
@@ -152,7 +144,7 @@ fn record(swarm: &SwarmArgs, team: Option<TeamId>, out: &Path) -> Result<Written
     let object = json!({
         "file": out, "swarm": place.swarm(), "vehicles": vehicles, counted: count, "dropped": dropped, "not_understood": rejected,
     });
-    Ok(Written { object, text })
+    Ok((object, text))
 }
 
 /// A swarm or a team that is being recorded.
