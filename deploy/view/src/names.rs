@@ -6,6 +6,7 @@
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 
 use axum::http::StatusCode;
+use skein_cluster::host::probe::is_from_elsewhere;
 use skein_common::printable::printable;
 
 /// Names of the page's server besides its own.
@@ -153,12 +154,8 @@ fn reachable(listen: SocketAddr, interfaces: impl Iterator<Item = (String, IpAdd
     if !listen.ip().is_unspecified() {
         return vec![listen];
     }
-    let is_linked = |ip: &IpAddr| match ip {
-        IpAddr::V4(ip) => ip.is_link_local(),
-        IpAddr::V6(ip) => ip.is_unicast_link_local(),
-    };
     let fits = |ip: &IpAddr| listen.is_ipv6() || ip.is_ipv4();
-    let reachable = interfaces.filter(|(_, ip)| fits(ip) && !ip.is_loopback() && !is_linked(ip));
+    let reachable = interfaces.filter(|(_, ip)| fits(ip) && is_from_elsewhere(ip));
     let mut all: Vec<(String, IpAddr)> = reachable.collect();
     all.sort_by_key(|(name, ip)| (is_virtual(name), ip.is_ipv6()));
     let mut all: Vec<IpAddr> = all.into_iter().map(|(_, ip)| ip).collect();

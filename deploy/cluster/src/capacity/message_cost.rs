@@ -146,7 +146,7 @@ fn sent(mesh: &[LinkEnd]) -> Vec<u64> {
 /// Sends a message until the other end has it; returns the length of the encoded message, bytes.
 fn send_until_received(one: &mut LinkEnd, two: &mut LinkEnd, send: fn(&mut LinkEnd) -> usize) -> Result<usize, String> {
     let encoded_bytes = send(one);
-    until(&mut (one, two), |(one, two)| two.has_received_all_of(one), |(one, _)| _ = send(one))?;
+    until(&mut (one, two), |(one, two)| two.has_received_up_to(&[one.sent, two.sent]), |(one, _)| _ = send(one))?;
     Ok(encoded_bytes)
 }
 
@@ -286,16 +286,11 @@ impl LinkEnd {
         }
     }
 
-    /// Whether the last message of every other vehicle has arrived; `sent` has the numbers of these messages.
+    /// Whether the last message of every other vehicle has arrived; `sent` has the numbers of these messages, in the order of ids.
     fn has_received_up_to(&mut self, sent: &[u64]) -> bool {
         self.listen();
         let own = usize::from(self.id.get()) - 1;
         self.newest.iter().zip(sent).enumerate().all(|(nth, (newest, sent))| nth == own || newest >= sent)
-    }
-
-    fn has_received_all_of(&mut self, other: &Self) -> bool {
-        self.listen();
-        self.newest.get(usize::from(other.id.get()) - 1) == Some(&other.sent)
     }
 }
 

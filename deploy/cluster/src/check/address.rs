@@ -3,6 +3,7 @@
 use std::net::{IpAddr, ToSocketAddrs};
 
 use super::Line;
+use crate::host::probe::is_from_elsewhere;
 use crate::inventory::Node;
 
 /// Makes the line about a node's address, if its host has these and not that one. A name is resolved on this PC. It prevents
@@ -28,14 +29,6 @@ pub(super) fn line(node: &Node, of_host: &[IpAddr], file: &str) -> Option<Line> 
          its peers dial it there; nothing if a router forwards {} to it",
         node.id, node.address
     )))
-}
-
-/// Whether other computers can reach the host at such an address.
-fn is_from_elsewhere(address: &IpAddr) -> bool {
-    match address {
-        IpAddr::V4(address) => !address.is_loopback() && !address.is_link_local(),
-        IpAddr::V6(address) => !address.is_loopback() && !address.is_unicast_link_local(),
-    }
 }
 
 #[cfg(test)]

@@ -16,6 +16,14 @@ pub(super) fn addresses() -> Vec<IpAddr> {
     interfaces.iter().map(if_addrs::Interface::ip).collect()
 }
 
+/// Whether other computers can reach a host at such an address.
+pub fn is_from_elsewhere(address: &IpAddr) -> bool {
+    match address {
+        IpAddr::V4(address) => !address.is_loopback() && !address.is_link_local(),
+        IpAddr::V6(address) => !address.is_loopback() && !address.is_unicast_link_local(),
+    }
+}
+
 /// Connects to each of these endpoints, all at once, and returns the results.
 pub fn reach(endpoints: &[String]) -> Vec<Reached> {
     let calls: Vec<_> = endpoints.iter().cloned().map(|endpoint| thread::spawn(move || call(&endpoint))).collect();

@@ -206,12 +206,11 @@ impl Reader<'_> {
             Some("manual") => Install::Manual,
             _ => Install::Ssh,
         };
-        let host = self.checked(
-            "host",
-            "a host that ssh accepts, such as heli1 or 10.0.0.11; the login name belongs in `user`",
-            is_host,
-        )?;
-        let user = self.checked("user", "a user's name", is_user)?;
+        // An alias, a name or an address, which ssh and a shell cannot misread.
+        let is_host = |text: &str| is_of(text, "._-:%");
+        let expected = "a host that ssh accepts, such as heli1 or 10.0.0.11; the login name belongs in `user`";
+        let host = self.checked("host", expected, is_host)?;
+        let user = self.checked("user", "a user's name", |text| is_of(text, "._-@+\\"))?;
         if host.is_none() && install == Install::Ssh {
             let help = "`host = \"heli1\"`, as given to ssh; or `install = \"manual\"`, to carry a folder there";
             return Err(self.missing("host", "the host to install on is unknown", help));
@@ -319,20 +318,11 @@ fn is_of(text: &str, others: &str) -> bool {
     (1..=253).contains(&text.len()) && !text.starts_with('-') && text.chars().all(good)
 }
 
-/// Whether it is a host: an alias, a name or an address, which ssh and a shell cannot misread.
-fn is_host(text: &str) -> bool {
-    is_of(text, "._-:%")
-}
-
 /// Whether it is a link-local address of IPv6, with or without a port or an interface.
 fn is_link_local(text: &str) -> bool {
     let inside = text.strip_prefix('[').map_or(text, |rest| rest.split(']').next().unwrap_or(rest));
     let address = inside.split('%').next().unwrap_or(inside);
     address.parse::<Ipv6Addr>().is_ok_and(|address| address.is_unicast_link_local())
-}
-
-fn is_user(text: &str) -> bool {
-    is_of(text, "._-@+\\")
 }
 
 /// Whether it is an address of one computer, or a name that a certificate can contain.

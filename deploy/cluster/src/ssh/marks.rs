@@ -68,16 +68,12 @@ impl Marks {
         own.split_once(&self.end).map_or(own, |(own, _)| own)
     }
 
-    /// Whether this line is the mark with which the command begins, whatever stands before it on the line.
-    pub(super) fn is_begin(&self, line: &str) -> bool {
-        line.ends_with(&self.begin)
-    }
-
     /// Reads over everything before the command's own output; `false` if the command did not begin.
     pub(crate) fn skip(&self, output: &mut impl BufRead) -> bool {
         let mut line = Vec::new();
         while output.read_until(b'\n', &mut line).is_ok_and(|read| read > 0) {
-            if self.is_begin(&String::from_utf8_lossy(&line)) {
+            // Something may stand before the mark on its line.
+            if line.ends_with(self.begin.as_bytes()) {
                 return true;
             }
             line.clear();
