@@ -18,7 +18,7 @@ use super::clocks::{CLOCK_S, ahead_of_swarm};
 use super::nodes;
 use crate::FileArgs;
 use crate::inventory::Inventory;
-use crate::mesh::observe::{Observers, TraceSubscription};
+use crate::mesh::observe::Observers;
 use crate::mesh::reach::{Place, SwarmArgs};
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -268,7 +268,7 @@ pub fn run(args: &ClusterStatusArgs) -> Result<(), Error> {
 /// # Errors
 /// If the swarm cannot be observed, a node does not report, or one is faulty.
 pub fn status(place: &Place, args: ShownArgs) -> Result<(), Error> {
-    let mut observer = Observers::open(&place.reach_teams(Role::Observer, &[])?, TraceSubscription::Off)?;
+    let mut observer = Observers::open(&place.reach_teams(Role::Observer, &[])?)?;
     let listed = listed(place);
     let remedy = remedy(place);
     let mut until = clock::now() + LISTEN;

@@ -39,7 +39,7 @@ use skein_cluster::display::journal::Journal;
 use skein_cluster::display::status::{Ending, FlightStatus, Known, Stage};
 use skein_cluster::endpoints::Endpoints;
 use skein_cluster::landing;
-use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
+use skein_cluster::mesh::observe::{Observer, SwarmMessage, VehicleView};
 use skein_cluster::mesh::reach::Reach;
 use skein_cluster::os;
 use skein_host::clock;
@@ -177,7 +177,7 @@ impl Flight {
         let scenario = plan.scenario();
         let children = launch(&plan, described, endpoints)?;
         let branch = Branch::of(scenario.team.map(|team| team.id));
-        let observer = Observer::open(&Reach::here(endpoints, branch), TraceSubscription::On);
+        let observer = Observer::open(&Reach::here(endpoints, branch));
         let room = Room::keep(&plan.out, FIGURES_BYTES + FIGURES_BYTES_EACH * scenario.swarm.vehicles);
         let recorder = recorded::recorder(&plan)?;
         let now = clock::now();
@@ -210,6 +210,7 @@ impl Flight {
             is_broken_off: false,
             plan,
         };
+        flight.observer.subscribe_to_traces(true)?;
         flight.show(now, format!("the swarm gathers, within {} s", gather_within.as_secs()));
         Ok(flight)
     }

@@ -9,7 +9,7 @@ use skein_common::id::TeamId;
 use skein_common::scenario::{Described, Scenario, Source, load};
 
 use super::{FleetRecorder, Recorder};
-use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription, VehicleView};
+use skein_cluster::mesh::observe::{Observer, SwarmMessage, VehicleView};
 use skein_cluster::mesh::reach::{Reach, SwarmArgs};
 use skein_cluster::os::Interrupts;
 use skein_host::clock;
@@ -163,7 +163,8 @@ struct RecordedTeam<'a> {
 impl<'a> RecordedTeam<'a> {
     /// Waits for the first messages of the swarm, or of the team with this scenario.
     fn begin(reach: &'a Reach, scenario: Option<&'a Scenario>, out: &Path) -> Result<Self, Error> {
-        let mut observer = Observer::open(reach, TraceSubscription::On)?;
+        let mut observer = Observer::open(reach)?;
+        observer.subscribe_to_traces(true)?;
         let received = first_messages(&mut observer, reach)?;
         let mut full = match scenario.and_then(|scenario| scenario.team) {
             None => Some(begin(reach, out)?),

@@ -27,7 +27,7 @@ use super::verdict::{self, Judged};
 use skein_cluster::display::status::Known;
 use skein_cluster::endpoints;
 use skein_cluster::keys::Role;
-use skein_cluster::mesh::observe::{Observer, Observers, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::observe::{Observer, Observers, SwarmMessage};
 use skein_cluster::mesh::reach::{Place, Reach, SwarmArgs};
 
 /// Time between two snapshots.
@@ -266,7 +266,7 @@ impl Watched {
         let reaches = place.reach_teams(Role::Observer, &[])?;
         let described = place.described()?;
         let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
-        let observers = Observers::open(&reaches, TraceSubscription::Off)?;
+        let observers = Observers::open(&reaches)?;
         let hello = hello::hello(&teams, place.swarm().as_str(), None, needs_token).into();
         let (teams, zero, wanted) = (Arc::new(teams), None, None);
         let (answered, is_complete, others) = (now, false, None);

@@ -12,7 +12,7 @@ use skein_cluster::display::journal::{self, Journal, When};
 use skein_cluster::display::screen::Screen;
 use skein_cluster::display::status::{self, FlightStatus, Known};
 use skein_cluster::keys::Role;
-use skein_cluster::mesh::observe::{Observer, Observers, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::observe::{Observer, Observers, SwarmMessage};
 use skein_cluster::mesh::reach::SwarmArgs;
 use skein_cluster::os::Interrupts;
 
@@ -29,7 +29,7 @@ pub(super) fn show(swarm: &SwarmArgs) -> Result<(), Error> {
     let place = swarm.choose()?;
     let described = place.described()?;
     let teams: Vec<Team> = described.all().iter().map(|loaded| Team::new(&loaded.scenario)).collect();
-    let mut observers = Observers::open(&place.reach_teams(Role::Observer, &[])?, TraceSubscription::Off)?;
+    let mut observers = Observers::open(&place.reach_teams(Role::Observer, &[])?)?;
     for observer in observers.each() {
         observer.subscribe_to_summaries(true)?;
     }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use skein_cluster::endpoints;
-use skein_cluster::mesh::observe::{Observer, TraceSubscription};
+use skein_cluster::mesh::observe::Observer;
 use skein_cluster::mesh::reach::Reach;
 use skein_cluster::os;
 use skein_common::id::VehicleId;
@@ -165,7 +165,7 @@ impl Flight {
     /// An observer of the swarm, as soon as there is one.
     pub(super) fn observer(&self) -> Option<Observer> {
         let found = endpoints::find(&Path::new(&self.folder).join("runtime/skein"), None).ok()?;
-        Observer::open(&Reach::here(&found, Branch::SWARM), TraceSubscription::Off).ok()
+        Observer::open(&Reach::here(&found, Branch::SWARM)).ok()
     }
 
     /// Observes the flight until its measured part is over, it has ended, or the deadline has passed.

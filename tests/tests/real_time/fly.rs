@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein_cluster::endpoints;
-use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::observe::{Observer, SwarmMessage};
 use skein_cluster::mesh::reach::Reach;
 use skein_common::message::{EventKind, Trace};
 use skein_common::scenario::{Source, load};
@@ -103,7 +103,9 @@ impl Place {
     /// Opens an observer of the swarm, as `fly` does.
     fn observer(&self) -> Observer {
         let endpoints = endpoints::find(&self.runtime().join("skein"), None).unwrap();
-        Observer::open(&Reach::here(&endpoints, Branch::SWARM), TraceSubscription::On).unwrap()
+        let mut observer = Observer::open(&Reach::here(&endpoints, Branch::SWARM)).unwrap();
+        observer.subscribe_to_traces(true).unwrap();
+        observer
     }
 
     fn wait_until_all_processes_ended(&self) {

@@ -34,16 +34,6 @@ pub use teams::Observers;
 /// Capacity of the queue of received messages: two seconds of 250 vehicles. Further messages are dropped and counted.
 const QUEUE: usize = 25_000;
 
-/// Whether the observer subscribes to the trace, which has one message for each control step. A vehicle computes, signs
-/// and sends its trace only while there is a subscriber.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TraceSubscription {
-    /// Subscribe to the trace.
-    On,
-    /// Subscribe to everything except the trace.
-    Off,
-}
-
 /// A message from a vehicle, or a change of its presence.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SwarmMessage {
@@ -193,11 +183,12 @@ impl From<ObserveError> for Error {
 }
 
 impl Observer {
-    /// Connects to this swarm. Agents that do not answer yet are dialled again and again.
+    /// Connects to this swarm, and subscribes to everything except traces and summaries. Agents that do not answer yet are dialled
+    /// again and again.
     ///
     /// # Errors
     /// If a key or certificate is invalid, or Zenoh refuses.
-    pub fn open(reach: &Reach, steps: TraceSubscription) -> Result<Self, ObserveError> {
+    pub fn open(reach: &Reach) -> Result<Self, ObserveError> {
         let sessions = Sessions::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
         let session = sessions.first();
         let (sender, inbox) = sync_channel(QUEUE);
@@ -218,7 +209,7 @@ impl Observer {
         };
         sessions.presence().watch(&sessions, branch, note)?;
         let orders = reach.orders_key.map(|key| Checker::new(key, reach.swarm.clone(), branch));
-        let mut observer = Self {
+        Ok(Self {
             sessions,
             inbox,
             receiver,
@@ -229,12 +220,11 @@ impl Observer {
             vehicles: BTreeMap::new(),
             reach: reach.clone(),
             orders,
-        };
-        observer.subscribe_to_traces(steps == TraceSubscription::On)?;
-        Ok(observer)
+        })
     }
 
-    /// Subscribes to the vehicles' traces, or ends that subscription.
+    /// Subscribes to the vehicles' traces, which have one message for each control step, or ends that subscription. A vehicle
+    /// computes, signs and sends its trace only while there is a subscriber.
     ///
     /// # Errors
     /// If Zenoh refuses.

@@ -13,7 +13,7 @@ use skein_common::message::{Order, StandingOrders, Verb};
 use skein_common::scenario::{Scenario, Setting, Source, load};
 use skein_core::tuning;
 
-use crate::mesh::observe::{Observer, TraceSubscription, VehicleView};
+use crate::mesh::observe::{Observer, VehicleView};
 use crate::mesh::reach::{Place, Reach, SwarmArgs};
 pub use effect::ranges;
 use effect::{Activity, Effect};
@@ -180,7 +180,7 @@ fn give(verbs: &[Verb], recipients: &[Recipients]) -> Result<Vec<Given>, Error> 
 
 fn send(to: &Recipients, verbs: &[Verb], given: &mut Given) -> Result<(), Error> {
     let (reach, vehicles) = (&to.reach, to.vehicles);
-    let mut observer = Observer::open(reach, TraceSubscription::Off)?;
+    let mut observer = Observer::open(reach)?;
     wait_for_heartbeats(std::slice::from_mut(&mut observer), std::slice::from_ref(reach));
     let answer: Vec<VehicleId> = senders(&observer).collect();
     given.silent = reach.agents.keys().copied().filter(|id| to.contain(*id) && !answer.contains(id)).collect();

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use skein_common::id::{Incarnation, VehicleName};
 use skein_common::state::{Activity, Membership};
 
-use crate::mesh::observe::{Observers, TraceSubscription, VehicleView};
+use crate::mesh::observe::{Observers, VehicleView};
 use crate::mesh::reach::Reach;
 use skein_host::clock;
 use skein_lab::error::Error;
@@ -31,7 +31,7 @@ impl Watch {
     /// # Errors
     /// If Zenoh refuses.
     pub fn open(reaches: &[Reach], run: u64) -> Result<Self, Error> {
-        Ok(Self { observers: Observers::open(reaches, TraceSubscription::Off)?, run })
+        Ok(Self { observers: Observers::open(reaches)?, run })
     }
 
     /// Returns why this vehicle is not ready, if so. It must run in an incarnation newer than `after`.

@@ -66,7 +66,7 @@ fn status_of(
 ) -> SwarmStatus {
     let inventory = lab(folder, 4, "");
     let reach = Reach::plain(inventory.swarm.clone(), BTreeMap::new(), Flown::Text(String::new()));
-    let mut observers = Observers::open(&[reach], TraceSubscription::Off).unwrap();
+    let mut observers = Observers::open(&[reach]).unwrap();
     observers.each()[0].inject(received);
     let place = Place::Cluster(Box::new(inventory));
     SwarmStatus::of(place.swarm(), &listed(&place), &observers, now)

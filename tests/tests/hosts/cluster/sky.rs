@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use serde_json::{Value, json};
 use skein_cluster::inventory::Inventory;
 use skein_cluster::keys::Role;
-use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::observe::{Observer, SwarmMessage};
 use skein_common::message::Trace;
 use skein_common::state::PeerStatus;
 
@@ -257,7 +257,8 @@ fn oldest_ms(trace: &Trace) -> f64 {
 /// The process of the observer.
 pub(super) fn observe_swarm() {
     let Ok(inventory) = Inventory::read("lab/cluster.toml".as_ref()) else { return };
-    let mut observer = Observer::open(&inventory.reaches(Role::Observer).unwrap()[0], TraceSubscription::On).unwrap();
+    let mut observer = Observer::open(&inventory.reaches(Role::Observer).unwrap()[0]).unwrap();
+    observer.subscribe_to_traces(true).unwrap();
     thread::spawn(|| {
         let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
         std::process::exit(0);

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use skein_cluster::mesh::observe::{Observer, TraceSubscription};
+use skein_cluster::mesh::observe::Observer;
 use skein_cluster::mesh::reach::{Flown, Reach};
 use skein_common::id::{SwarmName, VehicleId};
 use tempfile::TempDir;
@@ -223,7 +223,8 @@ pub(super) fn watch() {
     let swarm = SwarmName::new(fields.next().unwrap()).unwrap();
     let agents = VehicleId::first(250).zip(fields).collect();
     let reach = Reach::plain(swarm, agents, Flown::Text(String::new()));
-    let mut observer = Observer::open(&reach, TraceSubscription::On).unwrap();
+    let mut observer = Observer::open(&reach).unwrap();
+    observer.subscribe_to_traces(true).unwrap();
     let is_over = std::sync::Arc::new(AtomicBool::new(false));
     let flag = is_over.clone();
     std::thread::spawn(move || {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use skein_cluster::endpoints;
-use skein_cluster::mesh::observe::{Observer, TraceSubscription};
+use skein_cluster::mesh::observe::Observer;
 use skein_cluster::mesh::reach::Reach;
 use skein_common::state::Activity;
 use skein_common::topic::Branch;
@@ -68,7 +68,9 @@ impl Flight {
     pub(super) fn observer(&self) -> Observer {
         let runtime = self.folder.path().join("runtime/skein");
         let endpoints = wait_for(|| endpoints::find(&runtime, None).ok());
-        Observer::open(&Reach::here(&endpoints, Branch::SWARM), TraceSubscription::On).unwrap()
+        let mut observer = Observer::open(&Reach::here(&endpoints, Branch::SWARM)).unwrap();
+        observer.subscribe_to_traces(true).unwrap();
+        observer
     }
 
     /// Waits until every vehicle has this activity; returns the observer.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use skein_cluster::endpoints;
-use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::observe::{Observer, SwarmMessage};
 use skein_cluster::mesh::reach::Reach;
 use skein_common::id::SwarmName;
 use skein_common::message::Trace;
@@ -112,7 +112,8 @@ fn a_live_swarm_is_shown_where_it_is_and_a_killed_vehicle_becomes_a_ghost() {
     // Where the vehicles are by their own traces, within a metre.
     let runtime = place.path("runtime").join("skein");
     let there = endpoints::find(&runtime, Some(&SwarmName::new("ghost").unwrap())).unwrap();
-    let mut observer = Observer::open(&Reach::here(&there, Branch::SWARM), TraceSubscription::On).unwrap();
+    let mut observer = Observer::open(&Reach::here(&there, Branch::SWARM)).unwrap();
+    observer.subscribe_to_traces(true).unwrap();
     // The page is behind by at most a second, and so is this test: every place that is shown is on the vehicle's recent track.
     let now_ms = || SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_millis() as f64;
     let (mut traced, mut worst_m, mut compared) = (Vec::new(), 0.0_f64, 0);

@@ -9,7 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
 use skein_cluster::endpoints;
-use skein_cluster::mesh::observe::{Observer, SwarmMessage, TraceSubscription};
+use skein_cluster::mesh::observe::{Observer, SwarmMessage};
 use skein_cluster::mesh::reach::Reach;
 use skein_common::frame::{Geodetic, Origin};
 use skein_common::id::SwarmName;
@@ -86,7 +86,8 @@ fn watch(kind: &str, vehicles: usize, seconds: u32, key: Option<[u8; 32]>) -> Op
             Err(error) => panic!("{error}"),
         }
     };
-    let mut observer = Observer::open(&Reach::here(&there, Branch::SWARM), TraceSubscription::On).unwrap();
+    let mut observer = Observer::open(&Reach::here(&there, Branch::SWARM)).unwrap();
+    observer.subscribe_to_traces(true).unwrap();
     let ended = std::thread::spawn(move || station.wait_with_output().unwrap());
     let mut traces: Vec<(f64, Trace)> = Vec::new();
     while !ended.is_finished() {

@@ -6,7 +6,7 @@ use skein_common::id::VehicleName;
 use skein_common::message::Health;
 use skein_host::parallel::at_once;
 
-use super::{ObserveError, Observer, TraceSubscription, VehicleView, run_in_flight};
+use super::{ObserveError, Observer, VehicleView, run_in_flight};
 use crate::mesh::reach::Reach;
 
 /// An observer of the swarm, or of each team of the fleet.
@@ -17,8 +17,8 @@ impl Observers {
     ///
     /// # Errors
     /// The errors of [`Observer::open`].
-    pub fn open(reaches: &[Reach], steps: TraceSubscription) -> Result<Self, ObserveError> {
-        let opened = at_once(reaches.iter().map(|reach| || Observer::open(reach, steps)));
+    pub fn open(reaches: &[Reach]) -> Result<Self, ObserveError> {
+        let opened = at_once(reaches.iter().map(|reach| || Observer::open(reach)));
         opened.into_iter().collect::<Result<_, _>>().map(Self)
     }
 

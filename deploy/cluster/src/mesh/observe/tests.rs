@@ -104,12 +104,13 @@ fn a_vehicle_makes_its_trace_only_for_a_subscriber() {
     let link = Link::new(sessions, id, LocalClock::start(), trust).unwrap();
     let reach = Reach::plain(swarm, agents, Flown::Text(String::new()));
     let event = Event { header: mission(1, 1, 1).header, what: EventKind::Landed };
-    for (steps, wanted) in [(TraceSubscription::Off, false), (TraceSubscription::On, true)] {
-        let mut observer = Observer::open(&reach, steps).unwrap();
+    for wanted in [false, true] {
+        let mut observer = Observer::open(&reach).unwrap();
+        observer.subscribe_to_traces(wanted).unwrap();
         let until = clock::now() + Duration::from_secs(20);
         let mut has_event = false;
         while !(has_event && link.trace_is_wanted() == wanted) {
-            assert!(clock::now() < until, "event received: {has_event}, {steps:?}");
+            assert!(clock::now() < until, "event received: {has_event}, trace wanted: {wanted}");
             link.send(Messages { events: [event].into(), ..Messages::default() });
             clock::sleep(Duration::from_millis(20));
             has_event |= observer.poll().contains(&SwarmMessage::Event(event));
@@ -123,7 +124,7 @@ fn the_run_in_flight_is_the_one_that_more_than_half_report() {
     assert_eq!((majority(&[5, 5, 7, 7], 4), majority(&[0, 0, 0], 3), majority(&[], 0)), (None, None, None));
     let reach = Reach::plain(SwarmName::new("runs").unwrap(), BTreeMap::new(), Flown::Text(String::new()));
     let run = |own_run, named: &[(u8, u64, bool)]| {
-        let mut observer = Observer::open(&Reach { own_run, ..reach.clone() }, TraceSubscription::Off).unwrap();
+        let mut observer = Observer::open(&Reach { own_run, ..reach.clone() }).unwrap();
         for (sender, run, alive) in named {
             let there = alive.then(|| SwarmMessage::Appeared(VehicleId::new(*sender).unwrap()));
             let received = there.into_iter().chain([SwarmMessage::Mission(mission(*sender, 1, 1))]);
@@ -154,7 +155,7 @@ fn a_forged_order_is_ignored() {
         (3, 6, orders::sign(&signing_key, &swarm, Branch::SWARM, 6, order(50))),
     ];
     let observe = |reach: &Reach| {
-        let mut observer = Observer::open(reach, TraceSubscription::Off).unwrap();
+        let mut observer = Observer::open(reach).unwrap();
         for (sender, run, order) in repeated {
             let id = VehicleId::new(sender).unwrap();
             let mission = Heartbeat { order: Some(order), ..mission(sender, 1, 1) };
