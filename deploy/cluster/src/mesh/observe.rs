@@ -155,7 +155,6 @@ pub struct Observer {
     traces: Option<Subscriber<()>>,
     /// The subscription to the vehicles' summaries, if there is one.
     summaries: Option<Subscriber<()>>,
-    dropped: Arc<Dropped>,
     vehicles: BTreeMap<VehicleId, VehicleView>,
     reach: Reach,
     /// Verifies that an order was signed by an operator, where orders are signed.
@@ -192,10 +191,9 @@ impl Observer {
         let sessions = Sessions::open(&reach.swarm, &[], &reach.all(), &reach.security)?;
         let session = sessions.first();
         let (sender, inbox) = sync_channel(QUEUE);
-        let dropped = Arc::new(Dropped::default());
         let key_ring = reach.security.key_ring(&reach.swarm);
         let (branch, presence) = (reach.branch, sessions.presence());
-        let receiver = SwarmReceiver { sender, dropped: dropped.clone(), branch, key_ring, presence };
+        let receiver = SwarmReceiver { sender, dropped: Arc::default(), branch, key_ring, presence };
         let subscribers = vec![
             receiver.subscribe(session, topic::all::HEALTH, SwarmMessage::Health)?,
             receiver.subscribe(session, topic::all::MISSIONS, SwarmMessage::Mission)?,
@@ -216,7 +214,6 @@ impl Observer {
             _subscribers: subscribers,
             traces: None,
             summaries: None,
-            dropped,
             vehicles: BTreeMap::new(),
             reach: reach.clone(),
             orders,
@@ -254,7 +251,7 @@ impl Observer {
 
     /// Number of links that this observer or an agent refused, because it does not accept the other's certificate.
     pub fn refused_links(&self) -> u64 {
-        self.dropped.links.load(Relaxed)
+        self.receiver.dropped.links.load(Relaxed)
     }
 
     /// Returns the messages received since the last call, in order of arrival, and updates [`Self::vehicles`]. Never
@@ -286,7 +283,7 @@ impl Observer {
 
     /// Number of messages dropped: undecodable, forged, or received faster than they were read.
     pub fn dropped(&self) -> u64 {
-        let Dropped { undecodable, forged, overflow, links: _ } = &*self.dropped;
+        let Dropped { undecodable, forged, overflow, links: _ } = &*self.receiver.dropped;
         undecodable.load(Relaxed) + forged.load(Relaxed) + overflow.load(Relaxed)
     }
 

@@ -1,11 +1,10 @@
 //! The time of day and the weight that a scenario asks for, in an X-Plane.
 
-use std::time::Duration;
-
 use serde_json::{Map, Value, json};
 use skein_common::scenario::{Scenario, VehicleModel};
 use skein_lab::error::Error;
 
+use super::weather::{ANSWER, FOLLOWS_WITHIN};
 use crate::findings::Line;
 use crate::simulators::survey::{Survey, Surveyor};
 use crate::simulators::web::WebApi;
@@ -25,9 +24,6 @@ const MIDSUMMER: f64 = 171.0;
 /// Difference of the time of day, s, and of a weight, kg, that is noted. An aircraft with running engines burns fuel.
 const NOTABLE_S: f64 = 600.0;
 const NOTABLE_KG: f64 = 2.0;
-/// Time limit for the values to follow what was asked for.
-const FOLLOWS_WITHIN: Duration = Duration::from_secs(5);
-const ANSWER: Duration = Duration::from_secs(2);
 const REMEDY: &str =
     "`skein xplane place` sets it with the Web API of X-Plane 12.4; set it on X-Plane's screen otherwise";
 

@@ -25,12 +25,13 @@ const STATIC: f32 = 3.0;
 const FIRST_12: f32 = 120_000.0;
 /// Difference from the scenario's wind that is noted, m/s.
 const NOTABLE_M_S: f64 = 1.0;
-/// Time limit for the air to follow what was written.
-const FOLLOWS_WITHIN: Duration = Duration::from_secs(5);
+/// Time limit for an X-Plane to follow what was asked for.
+pub(super) const FOLLOWS_WITHIN: Duration = Duration::from_secs(5);
 /// Number of values that are written at once, and the time between: more fill X-Plane's receive buffer, and the last are lost.
 const WRITTEN_AT_ONCE: usize = 10;
 const BETWEEN_WRITES: Duration = Duration::from_millis(60);
-const ANSWER: Duration = Duration::from_secs(2);
+/// Time limit for its answer.
+pub(super) const ANSWER: Duration = Duration::from_secs(2);
 
 /// The part of X-Plane's range of turbulence that stands for the scenario's gusts.
 fn turbulence(world: &World) -> f64 {
