@@ -63,11 +63,7 @@ fn scenario(scenario: &Scenario) -> Value {
         "law": scenario.formation.law.name(),
         "plant": Run::new(scenario, "fly").plant,
         "vehicles": scenario.swarm.vehicles,
-        "origin": {
-            "latitude_deg": origin.latitude_deg,
-            "longitude_deg": origin.longitude_deg,
-            "elevation_m": origin.elevation_m,
-        },
+        "origin": origin,
         "safety_distance_m": safety_distance_m(&scenario.formation),
         "collision_distance_m": COLLISION_M,
         "even": status::has_gaps(scenario, None),
