@@ -234,7 +234,11 @@ impl Flight {
         let is_interrupted = self.is_interrupted || self.is_broken_off;
         let Self { report, traffic, mut lost, failure, plan, recorder, .. } = self;
         if !left.is_empty() {
-            lost.push(left_in_the_air(left, plan.scenario()));
+            let swarm = &plan.scenario().swarm.name;
+            lost.push(format!(
+                "vehicle {left}: still in the air as far as is known; each agent lands and ends by itself (`skein order \
+                 land --swarm {swarm}` asks again)"
+            ));
         }
         let notes = recorder.and_then(|recorder| told(recorder.finish())).into_iter().chain(lost).collect();
         let leaves = !left.is_empty();
@@ -312,8 +316,8 @@ impl Flight {
             Stage::Ending if !agents => return true,
             Stage::Ending if asked || now.duration_since(self.since) > END => {
                 self.is_broken_off = asked;
-                let hanging: Vec<_> = self.live().map(|(id, _)| id.to_string()).collect();
-                self.fail(format!("vehicle {}: the agent did not end within {} s", hanging.join(", "), END.as_secs()));
+                let hanging: VehicleSet = self.live().map(|(id, _)| id).collect();
+                self.fail(format!("vehicle {hanging}: the agent did not end within {} s", END.as_secs()));
                 return true;
             }
             Stage::Ending | Stage::Watched => {}
@@ -401,16 +405,16 @@ impl Flight {
         if asked || waited > self.landing_limit() {
             self.is_broken_off = asked;
             let why = if asked { "ended by Ctrl-C" } else { "did not land in time" };
-            self.fail(format!("vehicle {}: {why}", flying.join(", ")));
+            self.fail(format!("vehicle {flying}: {why}"));
             return true;
         }
         false
     }
 
     /// Vehicles that have not landed yet, `waited` after the order to land.
-    fn flying(&self, now: Instant, waited: Duration) -> Vec<String> {
+    fn flying(&self, now: Instant, waited: Duration) -> VehicleSet {
         let flying = self.live().filter(|(_, seen)| seen.is_some_and(|seen| !is_down(seen, now, waited)));
-        flying.map(|(id, _)| id.to_string()).collect()
+        flying.map(|(id, _)| id).collect()
     }
 
     fn landing_limit(&self) -> Duration {
@@ -483,16 +487,6 @@ fn fresh(seen: &VehicleView, now: Instant) -> Option<&Trace> {
 /// The newest step, if it is younger than this.
 fn received_within(age: Duration, seen: &VehicleView, now: Instant) -> Option<&Trace> {
     seen.trace.as_ref().filter(|_| seen.trace_at.is_some_and(|at| now.duration_since(at) < age))
-}
-
-fn left_in_the_air(left: VehicleSet, scenario: &Scenario) -> String {
-    let swarm = &scenario.swarm.name;
-    let ids: Vec<_> = left.iter().map(|id| id.to_string()).collect();
-    format!(
-        "vehicle {}: still in the air as far as is known; each agent lands and ends by itself (`skein order land --swarm {swarm}` \
-         asks again)",
-        ids.join(", ")
-    )
 }
 
 /// Whether the vehicle has landed, never took off, is a pilot's to land, or is given up, without data or not in contact.
