@@ -57,7 +57,8 @@ pub fn run(args: &FitArgs) -> Result<(), Error> {
     let address = args.xplane.to_string();
     let interrupts = Interrupts::listen()?;
     let (fitted, version) = fly(&address, &profile, &interrupts)?;
-    let found_on = format!("{} at {address}", version_text(version));
+    let version = version.map_or_else(|| "X-Plane".to_owned(), |version| format!("X-Plane (version number {version})"));
+    let found_on = format!("{version} at {address}");
     out::write(&file, aircraft_file(&fitted, &args.name.to_string(), &found_on, &text))?;
     if args.json {
         say(&json(&figures(&fitted, &file)));
@@ -110,10 +111,6 @@ fn fly(address: &str, profile: &Profile, interrupts: &Interrupts) -> Result<(Fit
             return Ok((fitted, version));
         }
     }
-}
-
-fn version_text(version: Option<u32>) -> String {
-    version.map_or_else(|| "X-Plane".to_owned(), |version| format!("X-Plane (version number {version})"))
 }
 
 fn responses(fitted: &Fitted) -> String {

@@ -3,7 +3,7 @@
 //!
 //! A thread of its own writes: a program that reads slowly delays neither the measurement nor the landing.
 
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Sender, channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
@@ -153,9 +153,9 @@ impl Stream {
     /// # Errors
     /// If the system has no thread left.
     pub fn begin(now: Instant) -> Result<Self, Error> {
-        let (lines, queue) = channel();
-        let write = move |queue: Receiver<String>| queue.iter().for_each(|line| say(&line));
-        let writing = thread::Builder::new().name("stream".to_owned()).spawn(move || write(queue));
+        let (lines, queue) = channel::<String>();
+        let thread = thread::Builder::new().name("stream".to_owned());
+        let writing = thread.spawn(move || queue.iter().for_each(|line| say(&line)));
         let writing = writing.map_err(|error| Error::Failed(format!("--json: thread: {error}")))?;
         Ok(Self { lines, writing, began: now, next_progress: now + PROGRESS })
     }

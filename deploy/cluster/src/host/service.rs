@@ -225,8 +225,8 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     Err(at(&program)(os::become_program(&mut command)))
 }
 
-/// Runs `skein agent`: flies one vehicle. An agent that has ended successfully writes a mark file, if asked to: a supervisor that has taken
-/// it over cannot read its exit status.
+/// Runs `skein agent`: flies one vehicle. An agent that has ended successfully writes a mark file, if asked to: a supervisor that
+/// has taken it over cannot read its exit status.
 pub fn fly(options: &AgentOptions) -> ExitCode {
     let status = skein_agent::run::program(options);
     if let Some(mark) = std::env::var_os(MARK).filter(|_| status == ExitCode::SUCCESS) {
