@@ -112,10 +112,9 @@ pub fn run(args: &ViewArgs) -> Result<(), Error> {
     let (address, foxglove) = match &args.recording {
         Some(path) => {
             let path = recording(path)?;
-            let (listener, address) = listen(args.listen, LISTEN)?;
+            let listener = listen(args.listen, LISTEN)?;
             let foxglove = args.foxglove.map(|foxglove| foxglove::play(&path, foxglove)).transpose()?;
-            begin(listener, None, &args.names, |_| Source::Recording(path))?;
-            (address, foxglove)
+            (begin(listener, None, &args.names, |_| Source::Recording(path))?, foxglove)
         }
         None => {
             let (foxglove, at) = args.foxglove.map(foxglove::Live::start).transpose()?.unzip();
@@ -179,16 +178,14 @@ fn begin_live(
     }
     let station = mavlink.station(rule.as_deref())?;
     let needs_token = rule.as_ref().map(|rule| rule.needs_token());
-    let (listener, address) = listen(address, option)?;
-    begin(listener, rule, names, |frames| {
+    begin(listen(address, option)?, rule, names, |frames| {
         if let Some(station) = station {
             station.serve(frames.subscribe());
         }
         let (watcher, of_thread) = (Watcher::new(swarm, needs_token, foxglove, option == LISTEN), frames.clone());
         thread::spawn(move || watcher.watch(&of_thread));
         Source::Live(frames)
-    })?;
-    Ok(address)
+    })
 }
 
 /// The recording that this path means, checked that it can be played.
@@ -205,32 +202,26 @@ fn recording(path: &Path) -> Result<PathBuf, Error> {
 }
 
 /// Takes the address that this option gave; without one the first free port of the loopback.
-fn listen(address: Option<SocketAddr>, option: &str) -> Result<(TcpListener, SocketAddr), Error> {
+fn listen(address: Option<SocketAddr>, option: &str) -> Result<TcpListener, Error> {
+    let last = PORT + PORTS - 1;
+    let in_use = || Error::Refused(format!("ports {PORT} to {last} are in use; choose one with {option} ADDR:PORT"));
     let bound = match address {
         Some(address) => TcpListener::bind(address)
             .map_err(|error| Error::Refused(format!("{option} {address}: {error}; choose another port"))),
-        None => {
-            (PORT..PORT + PORTS).find_map(|port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).ok()).ok_or_else(|| {
-                Error::Refused(format!(
-                    "ports {PORT} to {} are in use; choose one with {option} ADDR:PORT",
-                    PORT + PORTS - 1
-                ))
-            })
-        }
+        None => (PORT..=last).find_map(|port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).ok()).ok_or_else(in_use),
     }?;
     let failed = |error: std::io::Error| Error::Failed(format!("the page cannot be served: {error}"));
     bound.set_nonblocking(true).map_err(failed)?;
-    let address = bound.local_addr().map_err(failed)?;
-    Ok((bound, address))
+    Ok(bound)
 }
 
-/// Serves on threads of its own, until the process ends.
+/// Serves on threads of its own, until the process ends, and returns the address.
 fn begin(
     listener: TcpListener,
     rule: Option<Arc<Rule>>,
     names: &NameArgs,
     source: impl FnOnce(watch::Sender<Arc<Frame>>) -> Source,
-) -> Result<(), Error> {
+) -> Result<SocketAddr, Error> {
     let failed = |error: std::io::Error| Error::Failed(format!("the page cannot be served: {error}"));
     let address = listener.local_addr().map_err(failed)?;
     let runtime =
@@ -240,7 +231,7 @@ fn begin(
     let shared = Arc::new(Shared { source: source(frames), orders: rule, names: Names::new(address, names) });
     let serve = move || runtime.block_on(server::serve(listener, shared));
     thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(failed)?;
-    Ok(())
+    Ok(address)
 }
 
 #[cfg(test)]
