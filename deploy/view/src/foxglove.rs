@@ -66,7 +66,7 @@ impl Server {
         let mut server = context.websocket_server().name(name).bind(host, address.port()).message_backlog_size(BACKLOG);
         server = server.tokio_runtime(runtime.handle()).parameter_handler(Arc::clone(&parameters) as _);
         if let Some(playback) = &playback {
-            let (first_ns, last_ns) = playback::lock(playback).span_ns;
+            let (first_ns, last_ns) = lock(playback).span_ns;
             server = server.playback_time_range(first_ns, last_ns).capabilities([Capability::Time]);
         }
         let readers = Arc::new(Readers { playback, ..Readers::default() });
@@ -162,7 +162,7 @@ impl ServerListener for Readers {
     }
 
     fn on_playback_control_request(&self, request: PlaybackControlRequest) -> Option<PlaybackState> {
-        self.playback.as_ref().map(|playback| playback::lock(playback).control(&request))
+        self.playback.as_ref().map(|playback| lock(playback).control(&request))
     }
 }
 
@@ -174,19 +174,19 @@ impl Parameters {
     /// Shows the keys of this scenario.
     fn show(&self, described: &Described) {
         let lines = described.first().explain().iter();
-        *self.all() = lines.filter_map(|line| parameter(&line.key, line.value.as_ref()?)).collect();
+        *lock(&self.0) = lines.filter_map(|line| parameter(&line.key, line.value.as_ref()?)).collect();
     }
 
     /// The parameters with these names; all, if there is no name.
     fn named(&self, names: &[String]) -> Vec<Parameter> {
         let is_named = |parameter: &&Parameter| names.is_empty() || names.contains(&parameter.name);
-        self.all().iter().filter(is_named).cloned().collect()
+        lock(&self.0).iter().filter(is_named).cloned().collect()
     }
+}
 
-    /// No holder can panic, so poisoning is ignored.
-    fn all(&self) -> MutexGuard<'_, Vec<Parameter>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// No holder can panic, so poisoning is ignored.
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl ParameterHandler for Parameters {

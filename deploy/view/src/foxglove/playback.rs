@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use skein_host::clock;
 use skein_lab::error::Error;
 use skein_lab::record::{Player, RecordError, Replay};
 
-use super::{Server, ServerSink};
+use super::{Server, ServerSink, lock};
 
 /// Time between two looks at what is to be sent.
 const TICK: Duration = Duration::from_millis(25);
@@ -86,11 +86,6 @@ impl Playback {
         }
         Due { after_ns, to_ns: self.at_ns, has_jumped: std::mem::take(&mut self.has_jumped), has_ended }
     }
-}
-
-/// No holder can panic, so poisoning is ignored.
-pub(super) fn lock(playback: &Mutex<Playback>) -> MutexGuard<'_, Playback> {
-    playback.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Serves a recording until the process ends, and returns the address.
