@@ -132,16 +132,12 @@ impl Bridge {
         if component != 0 && component != COMPONENT {
             return Reaction::default();
         }
-        let addressed: Vec<u8> = match system {
-            0 => self.vehicles.keys().copied().collect(),
-            one => self.vehicles.keys().copied().filter(|id| *id == one).collect(),
-        };
+        let addressed = self.vehicles.iter_mut().filter(|(id, _)| system == 0 || **id == system);
         let command = VehicleCommand::of(message);
         let mut reaction = Reaction::default();
-        for id in addressed {
-            let Some(addressee) = self.vehicles.get_mut(&id) else { continue };
+        for (&id, addressee) in addressed {
             let Some(command) = command else {
-                reaction.answers.extend(answer(id, from, message).into_iter().map(|message| (id, message)));
+                reaction.answers.extend(answer(id, from, message).map(|message| (id, message)));
                 continue;
             };
             let meaning = command.meaning();
