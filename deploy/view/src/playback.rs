@@ -162,9 +162,7 @@ impl Recording {
         let shown = if self.player.is_fleet() { self.places(at_s) } else { self.traces(at_s) };
         let (snapshot, observed) = match shown {
             Ok(shown) => shown,
-            Err(error) => {
-                return vec![problem(&error, "`skein record --repair`")];
-            }
+            Err(error) => return vec![problem(&error, "`skein record --repair`")],
         };
         let detail = wishes.detail.clone();
         let field = wishes.field(|of| {
