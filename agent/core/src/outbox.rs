@@ -51,7 +51,7 @@ pub struct SendSchedule {
     incarnation: Incarnation,
     /// Origin of the swarm's frame.
     origin: Origin,
-    network: Network,
+    need: Need,
     sent: Option<SentState>,
     mission: Option<(Heartbeat, LocalTime)>,
     /// The newest order at the last heartbeat.
@@ -66,6 +66,15 @@ pub struct SendSchedule {
     intents: u64,
 }
 
+/// The conditions under which the peers need a new state.
+#[derive(Clone, Copy, Debug)]
+struct Need {
+    every_frame: bool,
+    error_m: f64,
+    error_m_s: f64,
+    max_period_s: f64,
+}
+
 /// The last state sent, from which the peers dead-reckon the vehicle.
 #[derive(Clone, Copy, Debug)]
 struct SentState {
@@ -74,26 +83,32 @@ struct SentState {
     at: LocalTime,
 }
 
-impl SentState {
-    /// Whether the peers need a newer one.
-    fn is_old(&self, now: LocalTime, estimate: &Estimate, network: &Network) -> bool {
-        let since_s = now.seconds_since(self.at);
-        let reckoned = self.position + self.velocity.0 * since_s;
-        network.send == SendMode::EveryFrame
-            || Deadline::StateDue(network.state_max_period_s).is_past(since_s)
-            || (estimate.velocity - self.velocity).norm_squared() > math::square(network.state_error_m_s)
-            || (estimate.position - reckoned).norm_squared() > math::square(network.state_error_m)
+impl Need {
+    fn is_needed(&self, now: LocalTime, sent: Option<&SentState>, estimate: &Estimate) -> bool {
+        let Some(sent) = sent else { return true };
+        let since_s = now.seconds_since(sent.at);
+        let reckoned = sent.position + sent.velocity.0 * since_s;
+        self.every_frame
+            || Deadline::StateDue(self.max_period_s).is_past(since_s)
+            || (estimate.velocity - sent.velocity).norm_squared() > math::square(self.error_m_s)
+            || (estimate.position - reckoned).norm_squared() > math::square(self.error_m)
     }
 }
 
 impl SendSchedule {
     /// The schedule of a vehicle whose agent has not sent anything yet; `origin` is that of the swarm's frame.
     pub fn new(own: VehicleId, incarnation: Incarnation, origin: &Origin, network: &Network) -> Self {
+        let need = Need {
+            every_frame: network.send == SendMode::EveryFrame,
+            error_m: network.state_error_m,
+            error_m_s: network.state_error_m_s,
+            max_period_s: network.state_max_period_s,
+        };
         Self {
             own,
             incarnation,
             origin: *origin,
-            network: network.clone(),
+            need,
             sent: None,
             mission: None,
             newest_order: None,
@@ -138,17 +153,16 @@ impl SendSchedule {
 
     /// Whether the peers need a new state now, or soon while a heartbeat is sent.
     fn is_state_due(&self, now: LocalTime, estimate: &Estimate, with_heartbeat: bool) -> bool {
-        let soon = Deadline::StateDue(self.network.state_max_period_s - SOON_S);
-        self.sent.is_none_or(|sent| {
-            sent.is_old(now, estimate, &self.network) || with_heartbeat && soon.is_past(now.seconds_since(sent.at))
-        })
+        let soon = Deadline::StateDue(self.need.max_period_s - SOON_S);
+        self.need.is_needed(now, self.sent.as_ref(), estimate)
+            || with_heartbeat && self.sent.is_some_and(|sent| soon.is_past(now.seconds_since(sent.at)))
     }
 
     /// Whether a heartbeat is due soon. Where a state is sent every frame, the heartbeat waits for its own time, because
     /// there will be a state to go with.
     fn is_heartbeat_due_soon(&self, now: LocalTime) -> bool {
         let is_soon = |at| now.seconds_since(at) >= HEARTBEAT_PERIOD_S - SOON_S;
-        self.network.send != SendMode::EveryFrame && self.mission.as_ref().is_some_and(|(_, at)| is_soon(*at))
+        !self.need.every_frame && self.mission.as_ref().is_some_and(|(_, at)| is_soon(*at))
     }
 
     fn state(&mut self, now: LocalTime, estimate: &Estimate) -> State {
@@ -234,26 +248,21 @@ mod tests {
 
     #[test]
     fn a_state_is_needed_when_dead_reckoning_would_be_off() {
-        let text =
-            "swarm.vehicles = 2\nnetwork = { state_error_m = 0.1, state_error_m_s = 0.1, state_max_period_s = 0.2 }";
-        let network = load(&Source { name: "test.toml", text }, &[]).unwrap().scenario.network;
-        let origin = Origin::new(Geodetic::from_degrees(28.0, -82.0, 0.0));
-        let mut schedule = SendSchedule::new(VehicleId::new(1).unwrap(), Incarnation(1), &origin, &network);
+        let need = Need { every_frame: false, error_m: 0.1, error_m_s: 0.1, max_period_s: 0.2 };
         let at = LocalTime::from_seconds;
-        assert!(schedule.is_state_due(at(1.0), &estimate(0.0, 0.0), false), "nothing sent yet");
-        schedule.sent = Some(SentState {
+        let sent = SentState {
             position: PositionNed::new(0.0, 0.0, -30.0),
             velocity: VelocityNed::new(5.0, 0.0, 0.0),
             at: at(1.0),
-        });
+        };
         let needed =
-            |seconds, north_m, north_m_s| schedule.is_state_due(at(seconds), &estimate(north_m, north_m_s), false);
+            |seconds, north_m, north_m_s| need.is_needed(at(seconds), Some(&sent), &estimate(north_m, north_m_s));
+        assert!(need.is_needed(at(1.0), None, &estimate(0.0, 0.0)), "nothing sent yet");
         assert!(!needed(1.1, 0.5, 5.0), "exactly where the peers dead-reckon the vehicle");
         assert!(needed(1.1, 0.61, 5.0), "0.11 m off");
         assert!(needed(1.1, 0.5, 5.11), "0.11 m/s off");
         assert!(needed(1.2, 1.0, 5.0), "the longest period");
-        schedule.network.send = SendMode::EveryFrame;
-        assert!(schedule.is_state_due(at(1.0), &estimate(0.0, 5.0), false));
+        assert!(Need { every_frame: true, ..need }.is_needed(at(1.0), Some(&sent), &estimate(0.0, 5.0)));
     }
 
     #[test]
