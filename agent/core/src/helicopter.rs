@@ -67,20 +67,39 @@ pub struct Helicopter {
     dynamics: Arc<Dynamics>,
     /// `dynamics` without any failure.
     healthy: Arc<Dynamics>,
-    parameters: Parameters,
+    controls: HeldControls,
     state: State,
 }
 
-impl Parameters {
-    /// Converts control deflections to blade pitch and yaw rate commands.
+/// Converts control deflections to blade pitch and yaw rate commands.
+#[derive(Clone, Debug)]
+struct HeldControls {
+    /// Cyclic blade pitch at full control to the right, and aft.
+    lateral_throw_rad: f64,
+    longitudinal_throw_rad: f64,
+    min_collective_rad: f64,
+    collective_range_rad: f64,
+    max_yaw_rate_rad_s: f64,
+}
+
+impl HeldControls {
+    fn new(parameters: &Parameters) -> Self {
+        let servos = &parameters.servos;
+        Self {
+            lateral_throw_rad: parameters.lateral_throw_rad(),
+            longitudinal_throw_rad: parameters.longitudinal_throw_rad(),
+            min_collective_rad: servos.min_collective_rad,
+            collective_range_rad: servos.max_collective_rad - servos.min_collective_rad,
+            max_yaw_rate_rad_s: parameters.yaw_rate_rad_s(),
+        }
+    }
+
     fn command(&self, controls: &Controls) -> ServoCommand {
-        let servos = &self.servos;
-        let collective_range_rad = servos.max_collective_rad - servos.min_collective_rad;
         ServoCommand {
-            lateral_rad: self.lateral_throw_rad() * controls.roll.clamp(-1.0, 1.0),
-            longitudinal_rad: self.longitudinal_throw_rad() * controls.pitch.clamp(-1.0, 1.0),
-            collective_rad: servos.min_collective_rad + collective_range_rad * controls.collective.clamp(0.0, 1.0),
-            yaw_rate_rad_s: self.yaw_rate_rad_s() * controls.yaw.clamp(-1.0, 1.0),
+            lateral_rad: self.lateral_throw_rad * controls.roll.clamp(-1.0, 1.0),
+            longitudinal_rad: self.longitudinal_throw_rad * controls.pitch.clamp(-1.0, 1.0),
+            collective_rad: self.min_collective_rad + self.collective_range_rad * controls.collective.clamp(0.0, 1.0),
+            yaw_rate_rad_s: self.max_yaw_rate_rad_s * controls.yaw.clamp(-1.0, 1.0),
         }
     }
 }
@@ -110,14 +129,14 @@ impl Helicopter {
             hover.tail_pitch_rad,
         ]);
         state[21..].copy_from_slice(&[hover.lambda, hover.lambda_t]);
-        Self { healthy: Arc::clone(&dynamics), dynamics, parameters: parameters.clone(), state: State(state) }
+        Self { healthy: Arc::clone(&dynamics), dynamics, controls: HeldControls::new(parameters), state: State(state) }
     }
 
     /// Advances by one tick with these controls and this wind. The controls must be finite; values beyond the travel
     /// are clamped.
     pub fn advance(&mut self, controls: &Controls, wind: VelocityNed) {
         self.state =
-            self.dynamics.tick(&self.state, &self.parameters.command(controls), wind.0.into(), &mut Stages::default());
+            self.dynamics.tick(&self.state, &self.controls.command(controls), wind.0.into(), &mut Stages::default());
     }
 
     /// From now on exactly these failures are present. The measurements are not affected.

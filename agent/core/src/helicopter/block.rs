@@ -71,7 +71,7 @@ impl Block {
             self.known[lane] = Some(Arc::clone(&helicopter.dynamics));
         }
         self.state.0.set_lane(lane, &helicopter.state.0);
-        self.command.set_lane(lane, &helicopter.parameters.command(&controls));
+        self.command.set_lane(lane, &helicopter.controls.command(&controls));
         self.wind.set_lane(lane, &wind.0.into());
         true
     }

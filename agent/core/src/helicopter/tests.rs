@@ -69,8 +69,8 @@ impl Flight {
 
     /// The same as a [`Helicopter`], for its accessors.
     fn helicopter(&self) -> Helicopter {
-        let dynamics = Arc::new(self.dynamics.clone());
-        Helicopter { healthy: Arc::clone(&dynamics), dynamics, parameters: xcell60(), state: self.state }
+        let (dynamics, controls) = (Arc::new(self.dynamics.clone()), HeldControls::new(&xcell60()));
+        Helicopter { healthy: Arc::clone(&dynamics), dynamics, controls, state: self.state }
     }
 
     /// The samples of `value` at each step until `end_s`, with their times.

@@ -18,13 +18,13 @@ fn moved(heading_rad: f64, end_s: f64, control: impl Fn(&mut ServoCommand)) -> H
 
 #[test]
 fn each_control_acts_in_the_right_direction() {
-    let helicopter = xcell60();
-    let hover = helicopter.command(&Controls { collective: 0.6, ..Controls::default() });
-    let full = helicopter.command(&Controls { roll: 1.0, pitch: 1.0, yaw: 1.0, collective: 1.0 });
+    let controls = HeldControls::new(&xcell60());
+    let hover = controls.command(&Controls { collective: 0.6, ..Controls::default() });
+    let full = controls.command(&Controls { roll: 1.0, pitch: 1.0, yaw: 1.0, collective: 1.0 });
     assert_eq!((full.lateral_rad, full.longitudinal_rad, full.yaw_rate_rad_s), (0.1, 0.1, 2.0));
     assert_near(1e-12, full.collective_rad, 0.2);
     assert_near(1e-12, hover.collective_rad, 0.1);
-    assert_near(1e-12, helicopter.command(&Controls::default()).collective_rad, -0.05);
+    assert_near(1e-12, controls.command(&Controls::default()).collective_rad, -0.05);
 
     let roll = moved(0.0, 0.5, |command| command.lateral_rad += 0.01);
     assert!(roll.rates().roll_rad_s > 0.1 && roll.velocity().east_m_s() > 0.01, "{roll:?}");

@@ -36,8 +36,7 @@ fn hover(dynamics: &Dynamics, speed_m_s: f64, from_rad: f64) -> Option<(Unknowns
 /// The needs of a hover in this wind; `None` if some direction has no trim.
 fn needs(speed_m_s: f64) -> Option<Needs> {
     let parameters = xcell60();
-    let (dynamics, servos) = (Dynamics::new(&parameters, -100.0), &parameters.servos);
-    let collective_range_rad = servos.max_collective_rad - servos.min_collective_rad;
+    let (dynamics, controls) = (Dynamics::new(&parameters, -100.0), HeldControls::new(&parameters));
     let (calm, ..) = hover(&dynamics, 0.0, 0.0)?;
     let mut needs = Needs {
         lowest_collective: f64::INFINITY,
@@ -56,8 +55,8 @@ fn needs(speed_m_s: f64) -> Option<Needs> {
         let rotor = &dynamics.main_rotor.rotor;
         let flow = rotor.flow(speed_rad_s, u * u + v * v, w);
         let c_t = rotor.thrust_coefficient(collective_rad, lambda, &flow);
-        let collective = (command.collective_rad - servos.min_collective_rad) / collective_range_rad;
-        let cyclic = command.lateral_rad.abs().max(command.longitudinal_rad.abs()) / parameters.lateral_throw_rad();
+        let collective = (command.collective_rad - controls.min_collective_rad) / controls.collective_range_rad;
+        let cyclic = command.lateral_rad.abs().max(command.longitudinal_rad.abs()) / controls.lateral_throw_rad;
         let lean_rad = math::hypot(unknowns[0] - calm[0], unknowns[1] - calm[1]);
         needs = Needs {
             lowest_collective: needs.lowest_collective.min(collective),
