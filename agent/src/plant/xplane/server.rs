@@ -104,16 +104,31 @@ pub enum Action {
     Reset,
 }
 
-/// All commands that do something: name, the description that X-Plane shows, and effect.
-pub static COMMANDS: &[(&str, &str, Action)] = &[
-    ("sim/operation/pause_toggle", "Pause or resume the simulation.", Action::PauseToggle),
-    ("sim/operation/pause_on", "Pause the simulation.", Action::Pause),
-    ("sim/operation/pause_off", "Resume the simulation.", Action::Resume),
-    ("sim/operation/reset_flight", "Reset the flight to its most recent start.", Action::Reset),
-    ("sim/operation/reset_to_runway", "Reset the flight to the nearest runway.", Action::Reset),
-    ("sim/operation/go_to_default", "Reset the flight to the nearest airport.", Action::Reset),
-    ("sim/operation/reload_aircraft", "Reload the aircraft and its art.", Action::Reset),
-    ("sim/operation/reload_aircraft_no_art", "Reload the aircraft without its art.", Action::Reset),
+/// A command of the simulator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CommandEntry {
+    /// Its name.
+    pub path: &'static str,
+    /// The description that X-Plane shows.
+    pub description: &'static str,
+    /// Its effect.
+    pub action: Action,
+}
+
+const fn command(path: &'static str, description: &'static str, action: Action) -> CommandEntry {
+    CommandEntry { path, description, action }
+}
+
+/// All commands that do something.
+pub static COMMANDS: &[CommandEntry] = &[
+    command("sim/operation/pause_toggle", "Pause or resume the simulation.", Action::PauseToggle),
+    command("sim/operation/pause_on", "Pause the simulation.", Action::Pause),
+    command("sim/operation/pause_off", "Resume the simulation.", Action::Resume),
+    command("sim/operation/reset_flight", "Reset the flight to its most recent start.", Action::Reset),
+    command("sim/operation/reset_to_runway", "Reset the flight to the nearest runway.", Action::Reset),
+    command("sim/operation/go_to_default", "Reset the flight to the nearest airport.", Action::Reset),
+    command("sim/operation/reload_aircraft", "Reload the aircraft and its art.", Action::Reset),
+    command("sim/operation/reload_aircraft_no_art", "Reload the aircraft without its art.", Action::Reset),
 ];
 
 /// Function of an axis of the pilot's stick that moves the collective.
@@ -273,8 +288,8 @@ impl Server {
 
     /// Runs a command; those that are not in [`COMMANDS`] do nothing here.
     fn run(&mut self, command: Command<'_>) -> Option<Order> {
-        match COMMANDS.iter().find(|(path, ..)| *path == command.path) {
-            Some((_, _, action)) => self.act(*action),
+        match COMMANDS.iter().find(|entry| entry.path == command.path) {
+            Some(entry) => self.act(entry.action),
             None => {
                 tracing::debug!(path = command.path, "a command without effect here");
                 None

@@ -133,9 +133,9 @@ async fn count_datarefs(State(shared): Api) -> Reply {
 
 async fn commands(State(shared): Api, Query(pairs): Pairs) -> Reply {
     let all = COMMANDS.iter().enumerate();
-    let all = all.map(
-        |(at, (name, description, _))| json!({ "id": shared.command_id(at), "name": name, "description": description }),
-    );
+    let all = all.map(|(at, command)| {
+        json!({ "id": shared.command_id(at), "name": command.path, "description": command.description })
+    });
     page(all.collect(), &pairs, |name| Fault::missing("invalid_command_name", format!("Command {name} doesn't exist")))
 }
 
@@ -188,8 +188,7 @@ async fn activate(State(shared): Api, Path(id): Path<String>, bytes: Bytes) -> R
     let until = Instant::now() + Duration::from_secs_f64(duration_s);
     let begins = shared.active.lock().hold(0, command, Some(until));
     if begins {
-        let (_, _, action) = COMMANDS[command];
-        shared.run(Task::Run(action)).await?;
+        shared.run(Task::Run(COMMANDS[command].action)).await?;
     }
     Ok(Json(Js::Null))
 }

@@ -200,8 +200,7 @@ impl Session {
             };
             let begins = self.shared.active.lock().hold(self.connection, command, until);
             if begins {
-                let (_, _, action) = COMMANDS[command];
-                self.shared.run(Task::Run(action)).await?;
+                self.shared.run(Task::Run(COMMANDS[command].action)).await?;
             }
         }
         Ok(())
