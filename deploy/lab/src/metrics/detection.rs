@@ -27,7 +27,7 @@ pub(super) struct Detection {
     alive: VehicleSet,
     /// The live members, by ground truth.
     pub(super) members: VehicleSet,
-    /// Vehicles that have left the swarm since their agent started: their peers do not have to count them as active.
+    /// Vehicles that have left the swarm since their agent started.
     left: VehicleSet,
     /// The peers that each vehicle does not count as lost, by id.
     in_contact: Vec<VehicleSet>,
@@ -94,7 +94,7 @@ impl Detection {
     pub(super) fn died(&mut self, t_s: f64, id: VehicleId) {
         self.is_settled = false;
         // The peers do not have to detect the end of a vehicle that has landed.
-        let must_be_detected = !self.left.contains(id);
+        let must_be_detected = !self.has_left(id);
         let links = self.others(id).filter(|&link| must_be_detected && self.has_contact(link)).collect();
         self.pending.push(PendingTransition { since_s: t_s, what: Transition::Loss, links });
         self.alive.remove(id);
@@ -197,17 +197,33 @@ impl Detection {
         self.cut_from.iter().any(|cut_from| !cut_from.is_empty())
     }
 
-    /// The delays in a window that ends at `t_s`: from a death or a cut until every agent in contact with the sender has
-    /// lost it; from a restart or a healed cut until every agent is in contact with the sender again; from a failure until
-    /// the vehicle reports one.
-    pub(super) fn delays(&self, t_s: f64) -> [Worst; 3] {
-        let is_late = |since_s: f64| t_s - since_s > LIMIT_S;
-        let is_never = |what| self.pending.iter().any(|open| open.what == what && is_late(open.since_s));
-        let ([mut detection, mut rejoin], mut response) = (self.reactions, self.response);
-        detection.is_never |= is_never(Transition::Loss);
-        rejoin.is_never |= is_never(Transition::Return);
-        response.is_never |= self.failed.iter().any(|(_, since_s)| is_late(*since_s));
-        [detection, rejoin, response]
+    /// Time from a death or a cut until every agent in contact with the sender has lost it, in a window that ends at
+    /// `t_s`.
+    pub(super) fn detection(&self, t_s: f64) -> Worst {
+        self.reaction(Transition::Loss, t_s)
+    }
+
+    /// Time from a restart or a healed cut until every agent is in contact with the sender again, in a window that ends
+    /// at `t_s`.
+    pub(super) fn rejoin(&self, t_s: f64) -> Worst {
+        self.reaction(Transition::Return, t_s)
+    }
+
+    /// Time from a failure until the vehicle reports one, in a window that ends at `t_s`.
+    pub(super) fn response(&self, t_s: f64) -> Worst {
+        let mut worst = self.response;
+        if self.failed.iter().any(|(_, since_s)| t_s - since_s > LIMIT_S) {
+            worst.is_never = true;
+        }
+        worst
+    }
+
+    fn reaction(&self, what: Transition, t_s: f64) -> Worst {
+        let mut worst = self.reactions[what as usize];
+        if self.pending.iter().any(|open| open.what == what && t_s - open.since_s > LIMIT_S) {
+            worst.is_never = true;
+        }
+        worst
     }
 
     /// The links from this vehicle to all other running agents.
@@ -224,13 +240,18 @@ impl Detection {
         self.in_contact.get(index(receiver)).is_some_and(|in_contact| in_contact.contains(sender))
     }
 
+    /// Whether the vehicle has left the swarm: its peers do not have to count it as active.
+    fn has_left(&self, id: VehicleId) -> bool {
+        self.left.contains(id)
+    }
+
     /// Whether the receiver can still detect the change: it runs, and the change is not over.
     fn is_still_pending(&self, what: Transition, link: Link) -> bool {
         let (sender, receiver) = link;
         let can_be_received = self.alive.contains(sender) && !self.is_cut(link);
         let still_holds = match what {
             Transition::Loss => !can_be_received,
-            Transition::Return => can_be_received && !self.left.contains(sender),
+            Transition::Return => can_be_received && !self.has_left(sender),
         };
         still_holds && self.alive.contains(receiver)
     }
@@ -254,7 +275,7 @@ impl Detection {
         let is_open =
             |sender, receiver| !self.is_cut((sender, receiver)) && is_long_ago(self.healed_s.get(&(sender, receiver)));
         self.alive.contains(sender)
-            && !self.left.contains(sender)
+            && !self.has_left(sender)
             && is_long_ago(self.born_s.get(index(sender)))
             && is_open(sender, receiver)
             && is_open(receiver, sender)

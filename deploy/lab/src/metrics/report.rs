@@ -107,8 +107,8 @@ impl Metrics {
     /// The swarm's worst delays after injected faults, s, in the order of [`DELAYS`].
     fn delays_after_faults(&self) -> [Worst; DELAYS.len()] {
         let transient = if self.is_round { self.transients.worst(self.t_s) } else { Worst::default() };
-        let [detection, rejoin, response] = self.detection.delays(self.t_s);
-        [detection, rejoin, response, transient]
+        let Self { detection, t_s, .. } = self;
+        [detection.detection(*t_s), detection.rejoin(*t_s), detection.response(*t_s), transient]
     }
 
     /// Keys of figures whose event could have happened but never did.
