@@ -95,7 +95,7 @@ fn a_node_with_a_valid_certificate_can_use_every_kind_of_message() {
 fn a_late_vehicle_receives_the_heartbeats_of_its_peers() {
     let swarm = Swarm::begin("late-secured");
     swarm.one.publish_mission(&mission(1, 5));
-    let _late = first_to_receive(PeerMessage::Mission(mission(1, 5)), || {
+    let _late = first_to_receive(mission(1, 5), || {
         let trust = swarm.authority.trust(&swarm.name, "vehicle-3.2");
         let sessions = swarm.guest(swarm.authority.tls("vehicle-3.2"));
         Link::new(sessions, id(3), LocalClock::start(), trust).unwrap()
