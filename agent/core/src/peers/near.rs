@@ -100,12 +100,13 @@ impl NearList {
         (self.near, self.far, self.fastest_m_s) = Default::default();
         self.made = Some(Made { own, at, reach_m, listed_m, travelled_m: travel.travelled_m });
         let mut from_m = travel.travelled_m;
-        let is_worth_it = travel.come_m(travel.travelled_m, FAR_FOR_S) <= listed_m;
         for Extrapolated { id, position, velocity, carried_s, travelled_m } in peers {
             self.moved(id, position, velocity);
             // Both the position now and the reported one are that far off.
             let beyond_m = 2.0 * listed_m + velocity.horizontal().norm() * carried_s + ROUNDING_M;
-            if is_worth_it && (position - own).xy().norm_squared() > beyond_m * beyond_m {
+            // A peer that has been silent for long would end the time of all others.
+            let stays_far = travel.come_m(travelled_m, FAR_FOR_S) <= listed_m;
+            if stays_far && (position - own).xy().norm_squared() > beyond_m * beyond_m {
                 self.far.insert(id);
                 from_m = from_m.min(travelled_m);
             }
