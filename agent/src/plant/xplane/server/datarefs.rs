@@ -1,6 +1,7 @@
 //! The stand-in's datarefs: their names, their values, and which can be written.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, LazyLock};
 
 use super::air::{Air, FEET_PER_M, Flow};
 use super::settings::{AIRCRAFT, ENGINES, Setting, Settings};
@@ -213,7 +214,7 @@ macro_rules! with_aircraft {
     };
 }
 
-/// All datarefs; searched only when a client subscribes or writes.
+/// All datarefs.
 #[rustfmt::skip]
 pub static DATAREFS: &[Dataref] = &{
     use Setting::*;
@@ -351,6 +352,10 @@ pub static DATAREFS: &[Dataref] = &{
     ] 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 }
 };
 
+/// The datarefs by their paths: a client writes several in each frame.
+static BY_PATH: LazyLock<HashMap<&str, &Dataref>> =
+    LazyLock::new(|| DATAREFS.iter().map(|dataref| (dataref.path, dataref)).collect());
+
 pub(super) fn groundspeed_m_s(situation: &Situation) -> f64 {
     math::hypot(f64::from(situation.position.velocity_east_m_s), situation.position.velocity_south_m_s.into())
 }
@@ -366,7 +371,7 @@ impl Handle {
     /// Finds a dataref of this aircraft by its path; `engines` is the length of per-engine arrays.
     pub(super) fn find(path: &str, engines: usize, acf: &str) -> Option<Self> {
         let (name, element) = name_and_element(path)?;
-        let dataref = DATAREFS.iter().find(|dataref| dataref.path == name && dataref.is_in(acf))?;
+        let dataref = *BY_PATH.get(name).filter(|dataref| dataref.is_in(acf))?;
         (element < dataref.elements(engines)).then_some(Self { dataref, element })
     }
 
