@@ -11,7 +11,7 @@ use skein_core::point_mass::PointMass;
 use skein_core::start::starts;
 use skein_host::clock::{now, sleep_until};
 
-use super::vehicle::{PlantError, PlantVehicle};
+use super::{PlantError, PlantVehicle};
 
 /// The kite, at most one tick behind the clock.
 pub(super) struct Kite {

@@ -14,6 +14,7 @@ use skein_common::state::Activity;
 use skein_core::agent::Agent;
 use skein_core::formation::laws::built_in;
 use skein_core::random::{self, Purpose};
+use skein_lab::faults::failure_of;
 use skein_lab::metrics::{AIRBORNE_ABOVE_M, COLLISION_M, Metrics, Run};
 use skein_lab::study::measure;
 use skein_lab::world::World;
@@ -32,6 +33,9 @@ const STARTS: [&str; 3] = ["random", "ring", "line"];
 /// Names of the faults, in the order in which they are drawn.
 const FAULTS: [&str; 9] =
     ["engine_out", "servo_stuck", "gyro_off", "gps_frozen", "kill", "simulator_freeze", "cut", "delay", "clock_jump"];
+
+/// Names of the faults that break a vehicle for good: it leaves the swarm.
+const BREAKING: [&str; 4] = ["engine_out", "servo_stuck", "gyro_off", "gps_frozen"];
 
 /// A random mission, in parts that can be left out.
 #[derive(Clone, Debug, PartialEq)]
@@ -242,7 +246,7 @@ fn random_fault(draws: &mut Draws, vehicles: u8) -> String {
 /// For a third of the faults that break a vehicle for good, its agent is killed as well, before or after: the new one has to
 /// find the fault anew.
 fn with_restart(draws: &mut Draws, fault: String) -> String {
-    let breaks = ["engine_out", "servo_stuck", "gyro_off", "gps_frozen"].iter().any(|name| fault.contains(name));
+    let breaks = BREAKING.iter().any(|name| fault.contains(name));
     if !(breaks && draws.is_so(1.0 / 3.0)) {
         return fault;
     }
@@ -265,16 +269,12 @@ impl Affected {
     fn by(scenario: &Scenario) -> Self {
         let mut affected = Self::default();
         for event in &scenario.mission.events {
-            match event.what {
-                EventAction::Fault(
-                    Fault::EngineOut { vehicle }
-                    | Fault::ServoStuck { vehicle, .. }
-                    | Fault::GyroOff { vehicle }
-                    | Fault::GpsFrozen { vehicle },
-                ) => affected.broken.insert(vehicle),
-                EventAction::Fault(Fault::Kill { vehicle } | Fault::SimulatorFreeze { vehicle }) => {
-                    affected.interrupted.insert(vehicle)
+            let EventAction::Fault(fault) = &event.what else { continue };
+            match (fault, failure_of(fault)) {
+                (Fault::Kill { vehicle } | Fault::SimulatorFreeze { vehicle }, _) => {
+                    affected.interrupted.insert(*vehicle)
                 }
+                (_, Some((vehicle, name))) if BREAKING.contains(&name) => affected.broken.insert(vehicle),
                 _ => false,
             };
         }

@@ -14,10 +14,10 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use skein_common::frame::{Attitude, Origin, PositionNed, VelocityNed};
 use skein_common::id::{Incarnation, VehicleId, VehicleSet};
-use skein_common::message::{Drops, EventKind, Failure, Order, SimulatorFault, StandingOrders, Standstill};
+use skein_common::message::{Drops, EventKind, Failure, Order, StandingOrders};
 use skein_common::scenario::{Scenario, Setting};
 use skein_common::state::{Activity, Membership};
-use skein_common::time::{LocalTime, Now, PlantTime};
+use skein_common::time::{LocalTime, Now};
 
 use crate::aircraft::Aircraft;
 use crate::control::{Controller, Rules, Trim};
@@ -35,6 +35,7 @@ use crate::plant::{Command, Measurement, PeerPose, PlantStatus};
 use crate::random::{self, Purpose};
 use crate::strangers::{KnownStrangers, Strangers};
 use crate::tuning::Tuning;
+use records::LastStep;
 use steady_clock::SteadyClock;
 
 /// The inputs since the last step.
@@ -105,24 +106,6 @@ struct OwnEstimate {
     new: Option<Estimate>,
     /// Plant time between the last two measurements, s; 0 before there are two.
     dt_s: f64,
-}
-
-/// Results of the last step: the only path from a later stage to an earlier one.
-#[derive(Clone, Debug, Default)]
-struct LastStep {
-    /// The missing data or peers as last reported.
-    missing: Option<Condition>,
-    standstill: Option<Standstill>,
-    simulator_faults: Vec<SimulatorFault>,
-    membership: Membership,
-    activity: Activity,
-    is_released: bool,
-    plant_time: Option<PlantTime>,
-    estimate: Option<Estimate>,
-    output: Option<FormationOutput>,
-    /// Time for which the vehicle has been in formation without interruption, s.
-    in_place_s: Option<f64>,
-    command: Option<Command>,
 }
 
 impl Agent {
@@ -508,7 +491,7 @@ impl Agent {
         conditions: Conditions,
         mut events: Vec<EventKind>,
     ) -> Outbox {
-        self.report_changes(status, conditions, own.estimate, &mut events);
+        self.report_changes(own, status, conditions, &mut events);
         let estimate = match conditions.response() {
             Response::Neutral => None,
             // A stopped simulator has left its vehicle where it was.

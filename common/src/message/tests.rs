@@ -182,8 +182,8 @@ fn bytes_that_no_correct_peer_sends_are_refused() {
     let good = encode(&state());
     assert_eq!(decode::<State>(&[]), Err(DecodeError::Empty));
     let mut other = good.clone();
-    other[0] = 9;
-    assert_eq!(decode::<State>(&other), Err(DecodeError::Version(9)));
+    other[0] = VERSION + 1;
+    assert_eq!(decode::<State>(&other), Err(DecodeError::Version(VERSION + 1)));
     let mut longer = good.clone();
     longer.push(0);
     assert_eq!(decode::<State>(&longer), Err(DecodeError::Malformed));

@@ -1,5 +1,7 @@
 //! A plant that Skein does not have, flown by an agent's station through the same trait as every other plant.
 
+// As in the agent's `plant.rs`, the module above a plant has these.
+use skein_agent::plant::{PlantError, PlantVehicle};
 use skein_common::id::{Incarnation, VehicleId};
 use skein_common::scenario::{Source, load};
 use skein_core::aircraft::Aircraft;
@@ -9,11 +11,6 @@ use skein_core::plant::Plant;
 use skein_core::station::{Clocks, Station, StepInputs};
 use skein_host::clock::LocalClock;
 use skein_tests::share::Share;
-
-/// The modules beside a plant's own in the agent's source.
-mod vehicle {
-    pub(super) use skein_agent::plant::{PlantError, PlantVehicle};
-}
 
 #[path = "../../own-plant/kite.rs"]
 mod kite;
@@ -25,7 +22,7 @@ fn a_kite_takes_off_and_climbs_to_the_formations_altitude() {
     let scenario = load(&Source { name: "kite.toml", text }, &[]).unwrap().scenario;
     let (id, aircraft, rules) =
         (VehicleId::new(1).unwrap(), Aircraft::shipped("xcell60").unwrap().unwrap(), Rules::shipped());
-    let vehicle = vehicle::PlantVehicle { scenario: &scenario, id, aircraft: &aircraft, rules: &rules, flown_s: None };
+    let vehicle = PlantVehicle { scenario: &scenario, id, aircraft: &aircraft, rules: &rules, flown_s: None };
     let mut plant: Box<dyn Plant> = Box::new(kite::open(&vehicle).unwrap());
     let clocks = Clocks::new(&scenario, id);
     let mut station = Station::new(&scenario, id, Incarnation(1), (&aircraft, rules.clone()), clocks).unwrap();

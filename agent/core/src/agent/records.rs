@@ -4,16 +4,35 @@
 use alloc::vec::Vec;
 
 use skein_common::id::VehicleId;
-use skein_common::message::{EventKind, PeerAge, PeerContact, SimulatorFault, Trace, VehicleFacts};
+use skein_common::message::{EventKind, PeerAge, PeerContact, SimulatorFault, Standstill, Trace, VehicleFacts};
 use skein_common::state::{Activity, Membership};
-use skein_common::time::Now;
+use skein_common::time::{Now, PlantTime};
 
-use super::{Agent, LastStep};
+use super::{Agent, OwnEstimate};
 use crate::estimate::Estimate;
 use crate::failsafe::{Condition, Conditions};
+use crate::formation::FormationOutput;
 use crate::formation::external::External;
 use crate::peers::PeerEstimate;
 use crate::plant::{Command, GroundTruth, PlantStatus};
+
+/// Results of the last step: the only path from a later stage to an earlier one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LastStep {
+    /// The missing data or peers as last reported.
+    pub(super) missing: Option<Condition>,
+    pub(super) standstill: Option<Standstill>,
+    pub(super) simulator_faults: Vec<SimulatorFault>,
+    pub(super) membership: Membership,
+    pub(super) activity: Activity,
+    pub(super) is_released: bool,
+    pub(super) plant_time: Option<PlantTime>,
+    pub(super) estimate: Option<Estimate>,
+    pub(super) output: Option<FormationOutput>,
+    /// Time for which the vehicle has been in formation without interruption, s.
+    pub(super) in_place_s: Option<f64>,
+    pub(super) command: Option<Command>,
+}
 
 impl Agent {
     /// The record of this step for metrics and displays; `truth` is the plant's true state, which the agent itself
@@ -80,9 +99,9 @@ impl Agent {
     /// Compares with the last step and reports the changes.
     pub(super) fn report_changes(
         &mut self,
+        own: &OwnEstimate,
         status: &PlantStatus,
         conditions: Conditions,
-        estimate: Option<Estimate>,
         events: &mut Vec<EventKind>,
     ) {
         const MISSING: [Condition; 4] =
@@ -124,7 +143,7 @@ impl Agent {
             events.push(if is_released { EventKind::ControlsReleased } else { EventKind::ControlsTakenBack });
         }
         // The estimate of the last step was needed up to here: the first data ever are not reported as back.
-        self.last.estimate = estimate;
+        self.last.estimate = own.estimate;
         self.last.missing = missing;
         self.last.standstill = status.standstill;
         self.last.membership = membership;

@@ -3,7 +3,7 @@ use skein_common::frame::{Attitude, BodyRates, Geodetic, PositionNed, VelocityNe
 use skein_common::message::{Heartbeat as MissionMessage, Order, State, Trace, Verb, decode, encode};
 use skein_common::scenario::{Source, load};
 use skein_common::state::VehicleState;
-use skein_common::time::LocalTime;
+use skein_common::time::{LocalTime, PlantTime};
 
 use super::*;
 use crate::peers::PeerMessage;

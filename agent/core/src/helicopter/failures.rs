@@ -73,8 +73,13 @@ impl Script {
                 Fault::ServoStuck { servo, .. } => failures.stuck[*servo as usize] = true,
                 Fault::GpsFrozen { .. } => failures.position_frozen = true,
                 Fault::SimulatorFreeze { .. } => now.simulator_frozen = true,
-                // All others do not act on the plant.
-                _ => {}
+                // These do not act on the plant.
+                Fault::Kill { .. }
+                | Fault::Cut { .. }
+                | Fault::Delay { .. }
+                | Fault::ClockJump { .. }
+                | Fault::KillControl
+                | Fault::Isolate { .. } => {}
             }
         }
         now
