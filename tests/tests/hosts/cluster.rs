@@ -137,7 +137,7 @@ fn intruder() {
 }
 
 #[test]
-#[ignore = "by hand: prints what the commands of the book's pages on clusters print"]
+#[ignore = "prints what the commands of the book's pages on clusters print: `.ci/long`"]
 fn page() {
     let Some(_alone) = alone() else { return };
     page::print();
