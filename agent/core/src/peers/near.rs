@@ -22,7 +22,7 @@ const FAR_FOR_S: f64 = 1.0;
 pub(super) struct NearList {
     made: Option<Made>,
     near: VehicleSet,
-    /// Peers that were more than twice as far off as those listed when the list was made.
+    /// Peers that were more than twice as far off as those listed when the list was made, and of which there was news.
     far: VehicleSet,
     /// Largest speed of a peer since the list was made, m/s.
     fastest_m_s: f64,
@@ -104,7 +104,7 @@ impl NearList {
             self.moved(id, position, velocity);
             // Both the position now and the reported one are that far off.
             let beyond_m = 2.0 * listed_m + velocity.horizontal().norm() * carried_s + ROUNDING_M;
-            // A peer that has been silent for long would end the time of all others.
+            // One of which there was no news for long may be anywhere by now: the list would have to be made anew at once.
             let stays_far = travel.come_m(travelled_m, FAR_FOR_S) <= listed_m;
             if stays_far && (position - own).xy().norm_squared() > beyond_m * beyond_m {
                 self.far.insert(id);
@@ -156,5 +156,30 @@ impl NearList {
         if (position - made.own).xy().norm_squared() <= made.listed_m * made.listed_m {
             self.near.insert(id);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::id;
+
+    #[test]
+    fn a_peer_that_was_silent_for_long_does_not_end_the_list() {
+        let travel = Travel { travelled_m: 500.0, fastest_m_s: 5.0, delay_s: 0.1 };
+        let far_away = |number: u8, travelled_m: f64| Extrapolated {
+            id: id(number),
+            position: PositionNed::new(3000.0, 0.0, -30.0),
+            velocity: VelocityNed::default(),
+            carried_s: 0.0,
+            travelled_m,
+        };
+        let (own, made_at, reach_m) = (PositionNed::default(), LocalTime::from_seconds(100.0), 100.0);
+        let mut list = NearList::default();
+        let peers = [far_away(1, 500.0), far_away(2, 100.0)];
+        assert!(list.make(own, made_at, reach_m, travel, peers.into_iter()).is_empty());
+        let next = made_at.plus_seconds(0.02);
+        assert_eq!(list.far(next, travel), [id(1)].into_iter().collect());
+        assert!(list.valid(own, next, reach_m).is_some(), "it need not be made anew");
     }
 }

@@ -1,5 +1,7 @@
 //! Pause, reset, rows and radar.
 
+use std::collections::BTreeSet;
+
 use super::*;
 use crate::plant::xplane::wire::radr::{RadarPoint, RadarPoint11};
 use crate::plant::xplane::wire::rows::{DATA_OUTPUT, Destination, Row, Selection, decode_rows, encode_rows};
@@ -174,4 +176,10 @@ fn the_rows_and_datarefs_of_public_clients_have_values() {
     for (row, given) in [(3, 7), (4, 5), (17, 4), (18, 5), (19, 2), (21, 6)] {
         assert_eq!(of(row).iter().flatten().count(), given, "row {row}");
     }
+}
+
+#[test]
+fn every_dataref_has_a_path_of_its_own() {
+    let paths: BTreeSet<_> = DATAREFS.iter().map(|dataref| dataref.path).collect();
+    assert_eq!(paths.len(), DATAREFS.len());
 }
