@@ -30,7 +30,7 @@ use skein_tests::share::Share;
 fn alone() -> Option<(MutexGuard<'static, ()>, Share)> {
     static ALONE: Mutex<()> = Mutex::new(());
     let Some(missing) = lab::missing() else {
-        return Some((ALONE.lock().unwrap_or_else(PoisonError::into_inner), Share::of(100)));
+        return Some((ALONE.lock().unwrap_or_else(PoisonError::into_inner), Share::of(60)));
     };
     refuse(&missing);
     None
