@@ -36,7 +36,7 @@ use skein_common::time::LocalTime;
 use crate::peers::{PeerMessage, Received, ReceivedState};
 use channels::ReceiverChannels;
 pub use cuts::{delays, lasting, silences, union};
-use link::Link;
+use link::{Link, LinkEnd};
 pub use strangers::StrangerNetwork;
 pub use swarm::SwarmNetwork;
 
@@ -58,7 +58,7 @@ pub struct Impairments {
     delivery_counts: DeliveryCounts,
 }
 
-/// Delays that events add per sender: when, in s after the own take-off, and how much, s.
+/// Delays that events add, by sender: when, in s after the own take-off, and how much, s.
 #[derive(Clone, Debug, Default)]
 struct AddedDelays(Vec<(VehicleId, (Range<f64>, f64))>);
 
@@ -134,7 +134,7 @@ impl Impairments {
             delay_s: scenario.network.delay_s,
             channels: ReceiverChannels::new(scenario, own).map(Box::new),
             delays,
-            links: peers.filter_map(|peer| Link::new(scenario, own, peer)).collect(),
+            links: peers.filter_map(|peer| LinkEnd::new(scenario, own, peer)).map(Link::new).collect(),
             ..Self::default()
         }
     }
@@ -283,8 +283,9 @@ impl AddedDelays {
     /// The delay added to messages from this sender now, s.
     fn s(&self, flown_s: Option<f64>, sender: VehicleId) -> f64 {
         let lasts = |lasting: &Range<f64>| flown_s.is_some_and(|t_s| lasting.contains(&t_s));
-        let lasting = self.0.iter().filter(|(id, (lasting, _))| *id == sender && lasts(lasting));
-        lasting.map(|(_, (_, delay_s))| delay_s).sum()
+        let first = self.0.partition_point(|(id, _)| *id < sender);
+        let of_sender = self.0[first..].iter().take_while(|(id, _)| *id == sender);
+        of_sender.filter(|(_, (lasting, _))| lasts(lasting)).map(|(_, (_, delay_s))| delay_s).sum()
     }
 }
 

@@ -187,8 +187,8 @@ pub struct Peers {
     /// A time before which no round trip becomes too old.
     trips_valid_until: LocalTime,
     near: NearList,
-    /// [`Records::relistings`] when the list of near peers was last right.
-    relistings: u64,
+    /// [`Records::sightings`] when the list of near peers was last right.
+    sightings: u64,
     exchange: Exchange,
     /// Begin of the time without any peer in contact, after there was one.
     alone_since: Option<LocalTime>,
@@ -208,7 +208,7 @@ impl Peers {
             largest_delay: DelayBase::UNKNOWN,
             trips_valid_until: LocalTime::MAX,
             near: NearList::default(),
-            relistings: 0,
+            sightings: 0,
             exchange: Exchange::default(),
             alone_since: None,
             forged: 0,
@@ -512,17 +512,21 @@ impl Peers {
 
     /// Keeps the list of near peers right after an update in which the delays of these vehicles have changed.
     fn update_near(&mut self, timed: VehicleSet) {
-        if core::mem::replace(&mut self.relistings, self.records.relistings) != self.relistings {
+        let Records { sightings, sighted, .. } = *self.records;
+        let since = sightings.wrapping_sub(core::mem::replace(&mut self.sightings, sightings));
+        // Only those of the last update are known.
+        if since > u64::from(!sighted.is_empty()) {
             self.near.discard();
         }
         let far = self.near.far(self.records.now, self.records.travel(self.largest_delay));
-        for id in self.records.moved.without(far).either(timed).iter().filter(|id| *id != self.own) {
-            let Some(motion) = self.records.messages.motion(id) else { continue };
+        for id in self.records.moved.either(sighted).without(far).either(timed).iter().filter(|id| *id != self.own) {
+            let Some(reported) = self.records.messages.reported(id) else { continue };
             let carried_s = || {
+                let motion = self.records.messages.motion(id).unwrap_or_default();
                 let (silent_s, delay) = self.silent_s_and_delay(id, &motion);
                 silent_s + delay.unwrap_or_default().likely_s
             };
-            if !self.near.is_right_for(id, (motion.position, motion.velocity), carried_s) {
+            if !self.near.is_right_for(id, reported, carried_s) {
                 let estimate = self.estimate(id, true);
                 estimate.into_iter().for_each(|peer| self.near.moved(id, peer.position, peer.velocity));
             }

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 use core::ops::Range;
 
 use skein_common::id::VehicleId;
-use skein_common::scenario::{EventAction, Fault, Scenario, ScriptedEvent};
+use skein_common::scenario::{EventAction, Fault, ScriptedEvent};
 
 use crate::random::{self, Purpose};
 
@@ -70,10 +70,9 @@ pub fn union(ranges: impl IntoIterator<Item = Range<f64>>) -> Vec<Range<f64>> {
     ranges
 }
 
-/// The outages between two vehicles, the same from either end, in order and disjoint.
-pub(super) fn outages(scenario: &Scenario, one: VehicleId, other: VehicleId) -> Vec<Outage> {
-    let events = &scenario.mission.events;
-    let directions = [silences(events, one, other), silences(events, other, one)].concat();
+/// The outages between two vehicles, the same from either end, in order and disjoint. The silences are those of the two directions.
+pub(super) fn outages(seed: u64, [one, other]: [VehicleId; 2], silences: [&[Range<f64>]; 2]) -> Vec<Outage> {
+    let directions = silences.concat();
     let outage = |(nth, Range { start, end }): (usize, Range<f64>)| {
         let within = directions.iter().filter(|silence| (start..end).contains(&silence.start));
         let closes_s = within.map(|silence| (silence.start + LEASE_S, silence.end)).filter(|(at, end)| at <= end);
@@ -81,7 +80,7 @@ pub(super) fn outages(scenario: &Scenario, one: VehicleId, other: VehicleId) -> 
             from_s: start,
             closes_s: closes_s.map(|(at, _)| at).fold(f64::INFINITY, f64::min),
             until_s: end,
-            back_s: end + retry_s(scenario.seed, [one.min(other), one.max(other)], nth),
+            back_s: end + retry_s(seed, [one.min(other), one.max(other)], nth),
         }
     };
     union(directions.iter().cloned()).into_iter().enumerate().map(outage).collect()

@@ -10,7 +10,7 @@
 //!
 //! Until the session is closed, a direction that is alive delivers; after that neither direction does.
 
-use alloc::vec::Vec;
+use alloc::boxed::Box;
 use core::ops::Range;
 
 use skein_common::id::VehicleId;
@@ -22,17 +22,18 @@ use crate::peers::{PeerMessage, Received};
 
 /// The receiver's end of a link.
 #[derive(Clone, Debug)]
-pub(super) struct Link {
+pub(super) struct LinkEnd {
     peer: VehicleId,
-    outages: Vec<Outage>,
+    outages: Box<[Outage]>,
     /// Times without messages from the peer, s after take-off.
-    silences: Vec<Range<f64>>,
+    silences: Box<[Range<f64>]>,
+    /// The time in which the session does not change, s after take-off.
+    unchanged_s: Range<f64>,
     session: Session,
     /// Whether the peer's liveliness token is present, as last reported by the network; `None` before the first report.
     token: Option<bool>,
     /// The token's presence as last reported to the agent.
     reported: Option<bool>,
-    held: Held,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,22 +46,41 @@ enum Session {
     Closed,
 }
 
-/// The newest messages that were not delivered.
-#[derive(Clone, Copy, Debug, Default)]
-struct Held {
-    /// The newest state: TCP retransmits it while the session lasts.
-    state: Option<Received>,
-    /// The newest heartbeat: the peer keeps it for late joiners.
-    mission: Option<Received>,
+/// What a change of the session does to the messages that the link has held back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SessionChange {
+    /// They stay held back.
+    Keeps,
+    /// No state is retransmitted any more, and the agent learns that the token has vanished if it had seen it.
+    Closed { has_vanished: bool },
+    /// They are delivered, after the token if its presence has changed.
+    CatchesUp { token: Option<bool> },
 }
 
-impl Link {
+/// An empty time.
+pub(super) const NEVER: Range<f64> = 0.0..0.0;
+
+impl LinkEnd {
     /// The end at `own` of the link to `peer`; `None` if no cut ever affects it.
     pub(super) fn new(scenario: &Scenario, own: VehicleId, peer: VehicleId) -> Option<Self> {
-        let outages = cuts::outages(scenario, own, peer);
-        let silences = cuts::silences(&scenario.mission.events, peer, own);
-        let (token, reported, held) = (None, None, Held::default());
-        (!outages.is_empty()).then_some(Self { peer, outages, silences, session: Session::Open, token, reported, held })
+        let [incoming, outgoing] =
+            [(peer, own), (own, peer)].map(|(from, to)| cuts::silences(&scenario.mission.events, from, to));
+        let outages = cuts::outages(scenario.seed, [own, peer], [&incoming, &outgoing]);
+        (!outages.is_empty()).then(|| Self {
+            peer,
+            outages: outages.into(),
+            silences: incoming.into(),
+            unchanged_s: NEVER,
+            session: Session::Open,
+            token: None,
+            reported: None,
+        })
+    }
+
+    /// The end as it is when its agent begins again.
+    pub(super) fn begin_again(&mut self) {
+        (self.unchanged_s, self.session) = (NEVER, Session::Open);
+        (self.token, self.reported) = (None, None);
     }
 
     pub(super) fn peer(&self) -> VehicleId {
@@ -72,74 +92,78 @@ impl Link {
         matches!(self.session, Session::Failing { incoming_dead: true } | Session::Closed)
     }
 
-    /// Whether no event affects a message from the peer now.
-    pub(super) fn is_open(&self) -> bool {
-        self.session == Session::Open
-    }
-
     /// Whether both ends have closed the session.
     pub(super) fn is_closed(&self) -> bool {
         self.session == Session::Closed
     }
 
-    /// The next time after `flown_s` at which the session may change, s after take-off; infinite if it never does.
-    pub(super) fn next_change_s(&self, flown_s: f64) -> f64 {
+    /// Whether the agent receives the peer's states and heartbeats now.
+    pub(super) fn lets_through(&self) -> bool {
+        match self.session {
+            Session::Open => true,
+            // A session does not reopen with one dead direction.
+            Session::Failing { incoming_dead } => !incoming_dead && self.reported == Some(true),
+            Session::Closed => false,
+        }
+    }
+
+    /// The time at which the session may change next, s after take-off; infinite if it never does.
+    pub(super) fn next_change_s(&self) -> f64 {
+        self.unchanged_s.end
+    }
+
+    /// Advances to `flown_s` after take-off. `None` if the session stays as it is.
+    pub(super) fn update(&mut self, flown_s: f64) -> Option<SessionChange> {
+        if self.unchanged_s.contains(&flown_s) {
+            return None;
+        }
+        self.unchanged_s = flown_s..self.change_after_s(flown_s);
+        let session = self.session_at(flown_s);
+        if session == self.session {
+            return None;
+        }
+        self.session = session;
+        Some(match session {
+            Session::Closed => {
+                let has_vanished = self.reported == Some(true);
+                self.reported = self.reported.map(|_| false);
+                SessionChange::Closed { has_vanished }
+            }
+            // An existing session stays open.
+            Session::Open => self.catches_up(),
+            Session::Failing { incoming_dead: false } if self.reported == Some(true) => self.catches_up(),
+            Session::Failing { .. } => SessionChange::Keeps,
+        })
+    }
+
+    /// Notes that the peer's token appeared or vanished. Returns whether the agent learns of it now.
+    pub(super) fn note_token(&mut self, is_there: bool) -> bool {
+        self.token = Some(is_there);
+        let is_received = match self.session {
+            Session::Open => true,
+            Session::Failing { .. } => !is_there && self.lets_through(),
+            Session::Closed => false,
+        };
+        if is_received {
+            self.reported = self.token;
+        }
+        is_received
+    }
+
+    fn catches_up(&mut self) -> SessionChange {
+        let token = self.token.filter(|_| self.token != self.reported);
+        self.reported = token.or(self.reported);
+        SessionChange::CatchesUp { token }
+    }
+
+    /// The first time after `flown_s` at which the session may change, s after take-off.
+    fn change_after_s(&self, flown_s: f64) -> f64 {
         let of_outages = self.outages.iter().flat_map(|outage| {
             let Outage { from_s, closes_s, until_s, back_s } = *outage;
             [from_s, closes_s, until_s, back_s]
         });
         let of_silences = self.silences.iter().flat_map(|silence| [silence.start, silence.end]);
         of_outages.chain(of_silences).filter(|at_s| *at_s > flown_s).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Advances to `flown_s` after take-off; calls `deliver` with the messages that the change of the session delivers.
-    pub(super) fn update(&mut self, flown_s: f64, now: LocalTime, mut deliver: impl FnMut(Received)) {
-        let session = self.session_at(flown_s);
-        if session == self.session {
-            return;
-        }
-        self.session = session;
-        match session {
-            Session::Closed => {
-                self.held.state = None;
-                if self.reported == Some(true) {
-                    self.reported = Some(false);
-                    deliver(Received { message: PeerMessage::Vanished(self.peer), at: now });
-                }
-            }
-            Session::Open => self.catch_up(now, deliver),
-            // An existing session stays open.
-            Session::Failing { incoming_dead: false } if self.reported == Some(true) => self.catch_up(now, deliver),
-            Session::Failing { .. } => {}
-        }
-    }
-
-    /// Whether the agent receives this message now. A message that is held back may be delivered later.
-    pub(super) fn lets_through(&mut self, received: &Received) -> bool {
-        let message = &received.message;
-        match message {
-            PeerMessage::Appeared(_) => self.token = Some(true),
-            // Messages of a vehicle that has gone are dropped.
-            PeerMessage::Vanished(_) => (self.token, self.held) = (Some(false), Held::default()),
-            PeerMessage::State(_) | PeerMessage::Mission(_) | PeerMessage::Order(_) => {}
-        }
-        let is_received = match self.session {
-            Session::Open => true,
-            // A session does not reopen with one dead direction.
-            Session::Failing { incoming_dead } => {
-                !incoming_dead && self.reported == Some(true) && !matches!(message, PeerMessage::Appeared(_))
-            }
-            Session::Closed => false,
-        };
-        match message {
-            PeerMessage::Appeared(_) | PeerMessage::Vanished(_) if is_received => self.reported = self.token,
-            PeerMessage::State(_) if !is_received && self.session != Session::Closed => {
-                self.held.state = Some(*received)
-            }
-            PeerMessage::Mission(_) if !is_received => self.held.mission = Some(*received),
-            _ => {}
-        }
-        is_received
     }
 
     fn session_at(&self, flown_s: f64) -> Session {
@@ -153,15 +177,70 @@ impl Link {
             Session::Open
         }
     }
+}
 
-    /// Delivers the held messages.
-    fn catch_up(&mut self, now: LocalTime, mut deliver: impl FnMut(Received)) {
-        if let Some(is_there) = self.token.filter(|_| self.token != self.reported) {
-            self.reported = self.token;
-            let message = if is_there { PeerMessage::Appeared(self.peer) } else { PeerMessage::Vanished(self.peer) };
-            deliver(Received { message, at: now });
+/// The receiver's end of a link, with the newest messages that it has held back.
+#[derive(Clone, Debug)]
+pub(super) struct Link {
+    end: LinkEnd,
+    /// The newest state: TCP retransmits it while the session lasts.
+    state: Option<Received>,
+    /// The newest heartbeat: the peer keeps it for late joiners.
+    mission: Option<Received>,
+}
+
+impl Link {
+    /// The link of this end, before any message.
+    pub(super) fn new(end: LinkEnd) -> Self {
+        Self { end, state: None, mission: None }
+    }
+
+    pub(super) fn peer(&self) -> VehicleId {
+        self.end.peer()
+    }
+
+    /// Whether no message from the peer arrives now.
+    pub(super) fn is_dead(&self) -> bool {
+        self.end.is_dead()
+    }
+
+    /// Advances to `flown_s` after take-off; calls `deliver` with the messages that the change of the session delivers.
+    pub(super) fn update(&mut self, flown_s: f64, now: LocalTime, mut deliver: impl FnMut(Received)) {
+        let mut deliver_token = |message| deliver(Received { message, at: now });
+        match self.end.update(flown_s) {
+            None | Some(SessionChange::Keeps) => {}
+            Some(SessionChange::Closed { has_vanished }) => {
+                self.state = None;
+                has_vanished.then(|| deliver_token(PeerMessage::Vanished(self.peer())));
+            }
+            Some(SessionChange::CatchesUp { token }) => {
+                let peer = self.peer();
+                let message = |there| if there { PeerMessage::Appeared(peer) } else { PeerMessage::Vanished(peer) };
+                token.map(message).into_iter().for_each(deliver_token);
+                self.state.take().into_iter().chain(self.mission.take()).for_each(deliver);
+            }
         }
-        let Held { state, mission } = core::mem::take(&mut self.held);
-        state.into_iter().chain(mission).for_each(deliver);
+    }
+
+    /// Whether the agent receives this message now. A message that is held back may be delivered later.
+    pub(super) fn lets_through(&mut self, received: &Received) -> bool {
+        match &received.message {
+            PeerMessage::Appeared(_) => self.end.note_token(true),
+            PeerMessage::Vanished(_) => {
+                // Messages of a vehicle that has gone are dropped.
+                (self.state, self.mission) = (None, None);
+                self.end.note_token(false)
+            }
+            _ if self.end.lets_through() => true,
+            PeerMessage::State(_) => {
+                self.state = Some(*received).filter(|_| !self.end.is_closed());
+                false
+            }
+            PeerMessage::Mission(_) => {
+                self.mission = Some(*received);
+                false
+            }
+            PeerMessage::Order(_) => false,
+        }
     }
 }

@@ -15,15 +15,16 @@ use alloc::sync::Arc;
 use alloc::vec::Vec;
 
 use skein_common::id::{VehicleId, VehicleSet};
-use skein_common::scenario::{ControlMode, EventAction, Fault, Quality, Scenario};
+use skein_common::scenario::{ControlMode, EventAction, Fault, Graph, Quality, Scenario};
 use skein_common::time::LocalTime;
 
 use super::channel::{Channel, Direction, delivery, size_bytes};
 use super::channels::{Range, quality_of};
 use super::draw::{Draw, Draws, MessageKey};
+use super::link::SessionChange;
 use super::numbers::{self, Numbers};
 use super::{Delivery, Impairments, ReceiverPosition};
-use crate::peers::{Arrival, Parcel, PeerMessage, Received, Spread, SwarmInbox};
+use crate::peers::{Arrival, Parcel, PeerMessage, Spread, SwarmInbox};
 use crate::skew::{Skew, StepClock};
 use flight::{Arrivals, Batch, Content, OnItsWay, received_twice};
 use graph::SwarmGraph;
@@ -43,8 +44,6 @@ pub struct SwarmNetwork {
     /// All vehicles as senders and as receivers, by id.
     senders: Vec<SwarmSender>,
     receivers: Vec<SwarmReceiver>,
-    /// The receivers as they are when their agents begin.
-    at_begin: Vec<SwarmReceiver>,
     places: Places,
     /// The receivers with an agent.
     present: VehicleSet,
@@ -56,6 +55,8 @@ pub struct SwarmNetwork {
     serial: u64,
     /// Whether a message can arrive before an earlier one of its sender, or twice.
     may_overtake: bool,
+    /// Whether it depends on the senders' places what arrives.
+    uses_places: bool,
     /// Whether messages wait for the bandwidth of any link.
     has_queues: bool,
     has_wrong_clocks: bool,
@@ -138,7 +139,6 @@ impl SwarmNetwork {
             range: Range::of(&scenario.network),
             graph: SwarmGraph::new(scenario),
             senders,
-            at_begin: receivers.clone(),
             receivers,
             places: Places::default(),
             present: VehicleSet::default(),
@@ -147,6 +147,7 @@ impl SwarmNetwork {
             next_frame: 0,
             serial: 0,
             may_overtake: is_spread || has_events,
+            uses_places: scenario.network.range_m.is_some() || scenario.network.graph == Graph::Nearest,
             has_queues,
             has_wrong_clocks,
             batch: Batch::new(frame_ns),
@@ -169,9 +170,9 @@ impl SwarmNetwork {
     pub fn end(&mut self, vehicle: VehicleId) {
         self.present.remove(vehicle);
         self.in_flight.iter_mut().flatten().for_each(|message| message.remove(vehicle));
-        self.receivers[nth(vehicle)] = self.at_begin[nth(vehicle)].clone();
+        self.receivers[nth(vehicle)].begin_again();
         for sender in &mut self.senders {
-            sender.note_effect(vehicle, EventEffect::Nothing);
+            sender.note_effect(vehicle, EventEffect::default());
             sender.forget_place([vehicle].into_iter().collect());
             sender.forget_link(vehicle);
         }
@@ -229,9 +230,9 @@ impl SwarmNetwork {
                 self.send_token(now, (from, is_there), receivers);
             }
             PeerMessage::State(state) => {
-                let is_dead = |id: &VehicleId| self.receivers[nth(*id)].is_dead(from);
-                let over_dead_links = sender.affected.both(receivers).iter().filter(is_dead).collect();
-                if sender.report_place((state.position, now), receivers, over_dead_links) {
+                if self.uses_places
+                    && sender.report_place((state.position, now), receivers, sender.dead.both(receivers))
+                {
                     self.graph.placed_changed();
                 }
                 receivers = self.graph.receivers(from, receivers);
@@ -264,11 +265,11 @@ impl SwarmNetwork {
     /// The receivers to which links of a sender have settings of their own or are affected by events, or that receive the present
     /// message late or twice.
     fn with_particulars(&self, from: VehicleId) -> VehicleSet {
-        let SwarmSender { with_particular, affected, .. } = &self.senders[nth(from)];
+        let SwarmSender { with_particular, delayed, .. } = &self.senders[nth(from)];
         let Quality { reorder, duplicate, .. } = self.everywhere;
         let [late, twice] = [(Draw::Reorder, reorder), (Draw::Duplicate, duplicate)]
             .map(|(what, share)| if share > 0.0 { self.numbers.below(what, share) } else { VehicleSet::default() });
-        with_particular.either(*affected).either(late).either(twice)
+        with_particular.either(*delayed).either(late).either(twice)
     }
 
     /// Sends a message to receivers whose links differ in nothing but their random numbers: it is lost, or it arrives after the
@@ -290,21 +291,33 @@ impl SwarmNetwork {
         } else if self.everywhere.loss > 0.0 {
             through = through.without(self.numbers.below(Draw::Loss, self.everywhere.loss));
         }
+        let through = self.hold_back(sent, through);
         self.serial += 1;
         let (serial, what) = (self.serial, Content::Parcel(parcel));
         let Quality { delay_s, jitter_s, .. } = self.everywhere;
         if jitter_s > 0.0 {
-            let numbers = self.numbers.column(Draw::Jitter).to_vec();
+            let numbers = self.numbers.column(Draw::Jitter).into();
             self.put_spread((serial, &what), through, Spread { sent_at: now, delay_s, jitter_s, numbers });
         } else {
             self.put_alike((serial, what), through, now.plus_seconds(delay_s));
         }
     }
 
+    /// Holds a message back from those of these receivers whose links are cut. Returns the others.
+    fn hold_back(&mut self, sent: &Sent<'_>, receivers: VehicleSet) -> VehicleSet {
+        let SwarmSender { cut, closed, .. } = self.senders[nth(sent.from)];
+        let stopped = receivers.both(cut);
+        // TCP retransmits a state while the session lasts; a heartbeat is kept for those who come later.
+        let held = if sent.parcel.is_state() { stopped.without(closed) } else { stopped };
+        if !held.is_empty() {
+            Arc::make_mut(&mut self.inbox).hold(sent.parcel, held);
+        }
+        receivers.without(stopped)
+    }
+
     /// Puts a message in flight to receivers that it reaches by these random delays. Those that it reaches in one frame are the
     /// ones with a number in a certain range.
     fn put_spread(&mut self, (serial, what): (u64, &Content), mut receivers: VehicleSet, spread: Spread) {
-        let spread = Arc::new(spread);
         let [first, last] = spread.limits().map(|at| at.nanoseconds().div_ceil(self.frame_ns));
         for frame in first..=last {
             let end = LocalTime::from_nanoseconds(frame * self.frame_ns);
@@ -314,7 +327,7 @@ impl SwarmNetwork {
                 receivers.both(self.numbers.below_number(Draw::Jitter, spread.numbers_until(end)))
             };
             receivers = receivers.without(due);
-            let at = Arrivals::Together(Arrival::Spread(Arc::clone(&spread)));
+            let at = Arrivals::Together(Arrival::Spread(spread.clone()));
             self.put_in_flight(OnItsWay { serial, what: what.clone(), receivers: due, at }, end);
         }
     }
@@ -323,8 +336,9 @@ impl SwarmNetwork {
     fn send_to_each(&mut self, sent: &Sent<'_>, receivers: VehicleSet, reach: &Reach) {
         let &Sent { now, from, message, parcel } = sent;
         let what = Content::Parcel(parcel);
+        let mut stopped = VehicleSet::default();
         let Self { senders, receivers: at_receivers, everywhere, draws, numbers, batch, serial, .. } = self;
-        let SwarmSender { particular, with_particular, affected, channels, .. } = &mut senders[nth(from)];
+        let SwarmSender { particular, with_particular, cut, delayed, channels, .. } = &mut senders[nth(from)];
         *serial += 2;
         let (serial, copy_serial) = (*serial - 1, *serial);
         let message_bytes = core::cell::OnceCell::new();
@@ -339,39 +353,54 @@ impl SwarmNetwork {
             let chance = |what| numbers.of(what, id);
             let fate = delivery(quality, chance, sent_at, is_in_burst, reach.lost_share(id));
             let Delivery::Arrives { at, copy_at } = fate else { continue };
-            let added_s = match affected.contains(id) {
-                true => at_receivers[nth(id)].take(from, message, now),
-                false => Some(0.0),
-            };
-            let Some(added_s) = added_s else { continue };
+            if cut.contains(id) {
+                stopped.insert(id);
+                continue;
+            }
+            let added_s = if delayed.contains(id) { at_receivers[nth(id)].added_s(from) } else { 0.0 };
             batch.add((serial, &what), id, at.plus_seconds(added_s));
             if let Some(copy_at) = copy_at {
                 batch.add((copy_serial, &what), id, copy_at.plus_seconds(added_s));
             }
         }
         self.put_batch();
+        self.hold_back(sent, stopped);
     }
 
     /// Sends to a vehicle what its links have held back in a cut and deliver now.
     fn repeat_held(&mut self, now: LocalTime, to: VehicleId) {
-        let only = [to].into_iter().collect();
-        let Some(held) = self.receivers[nth(to)].pass_time(now) else { return };
-        for (from, effect) in self.receivers[nth(to)].effects() {
-            self.senders[nth(from)].note_effect(to, effect);
+        let receiver = &mut self.receivers[nth(to)];
+        if !receiver.has_changes() {
+            return;
         }
-        for (from, Received { message, at: held_since }, added_s) in held {
+        let mut changes = Vec::new();
+        receiver.pass_time(|from, change| changes.push((from, change)));
+        for from in receiver.senders_with_delays().chain(changes.iter().map(|(from, _)| *from)) {
+            self.senders[nth(from)].note_effect(to, receiver.effect(from));
+        }
+        for (from, change) in changes {
             let inbox = Arc::make_mut(&mut self.inbox);
-            let what = match &message {
-                PeerMessage::State(state) => Content::Parcel(inbox.put_held_state(state, held_since)),
-                PeerMessage::Mission(heartbeat) => Content::Parcel(inbox.put_heartbeat(heartbeat, now)),
-                PeerMessage::Appeared(_) => Content::Token(from, true),
-                PeerMessage::Vanished(_) => Content::Token(from, false),
-                PeerMessage::Order(_) => continue,
+            let held = match change {
+                SessionChange::Keeps => continue,
+                SessionChange::Closed { has_vanished } => {
+                    inbox.take_held_state(from, to);
+                    [has_vanished.then_some(Content::Token(from, false)), None, None]
+                }
+                SessionChange::CatchesUp { token } => {
+                    let [state, heartbeat] = [inbox.take_held_state(from, to), inbox.take_held_heartbeat(from, to)];
+                    [
+                        token.map(|is_there| Content::Token(from, is_there)),
+                        state.map(Content::Parcel),
+                        heartbeat.map(Content::Parcel),
+                    ]
+                }
             };
             let delay_s = quality_of(to, &self.senders[nth(from)].particular, &self.everywhere).delay_s;
-            let at = now.plus_seconds(delay_s + added_s);
-            self.serial += 1;
-            self.put_alike((self.serial, what), only, at);
+            let at = now.plus_seconds(delay_s + self.receivers[nth(to)].added_s(from));
+            for what in held.into_iter().flatten() {
+                self.serial += 1;
+                self.put_alike((self.serial, what), [to].into_iter().collect(), at);
+            }
         }
     }
 
@@ -398,15 +427,24 @@ impl SwarmNetwork {
 
     fn send_token(&mut self, now: LocalTime, (of, is_there): (VehicleId, bool), receivers: VehicleSet) {
         self.serial += 1;
-        let (sender, what) = (&self.senders[nth(of)], Content::Token(of, is_there));
-        let message = if is_there { PeerMessage::Appeared(of) } else { PeerMessage::Vanished(of) };
+        let (sender, what) = (&mut self.senders[nth(of)], Content::Token(of, is_there));
         let special = receivers.both(sender.with_particular.either(sender.with_events));
         for id in special.iter() {
-            let added_s = match sender.with_events.contains(id) {
-                true => self.receivers[nth(id)].take(of, &message, now),
-                false => Some(0.0),
-            };
-            let Some(added_s) = added_s else { continue };
+            let mut added_s = 0.0;
+            if sender.with_events.contains(id) {
+                let receiver = &mut self.receivers[nth(id)];
+                if !is_there {
+                    // Messages of a vehicle that has gone are dropped.
+                    let inbox = Arc::make_mut(&mut self.inbox);
+                    (inbox.take_held_state(of, id), inbox.take_held_heartbeat(of, id));
+                }
+                let is_received = receiver.note_token(of, is_there);
+                sender.note_effect(id, receiver.effect(of));
+                if !is_received {
+                    continue;
+                }
+                added_s = receiver.added_s(of);
+            }
             let delay_s = quality_of(id, &sender.particular, &self.everywhere).delay_s;
             self.batch.add((self.serial, &what), id, now.plus_seconds(delay_s).plus_seconds(added_s));
         }

@@ -303,12 +303,19 @@ fn an_agent_started_during_an_outage_receives_nothing_before_its_end() {
     }
 }
 
+/// The outages of the link between two vehicles.
+fn outages_of(scenario: &Scenario, one: u8, other: u8) -> Vec<cuts::Outage> {
+    let (one, other) = (id(one), id(other));
+    let silences = [(one, other), (other, one)].map(|(from, to)| silences(&scenario.mission.events, from, to));
+    cuts::outages(scenario.seed, [one, other], [&silences[0], &silences[1]])
+}
+
 #[test]
 fn retries_are_spread_over_their_range() {
     let cuts = "{ at_s = 10, for_s = 5, fault = 'cut', from = [1], to = [2] }, \
                 { at_s = 20, for_s = 5, fault = 'cut', from = [2], to = [1] }";
     let mut retries: Vec<f64> = (0..250)
-        .flat_map(|seed| cuts::outages(&with_events(seed, cuts), id(1), id(2)))
+        .flat_map(|seed| outages_of(&with_events(seed, cuts), 1, 2))
         .map(|outage| outage.back_s - outage.until_s)
         .collect();
     retries.sort_by(f64::total_cmp);
@@ -325,12 +332,12 @@ fn retries_are_spread_over_their_range() {
 fn adjoining_cuts_merge_and_short_one_way_cuts_close_no_session() {
     let one_way = "{ at_s = 10, for_s = 0.75, fault = 'cut', from = [1], to = [2] }, \
                   { at_s = 10.75, for_s = 0.75, fault = 'cut', from = [2], to = [1] }";
-    let outages = cuts::outages(&with_events(1, one_way), id(2), id(1));
+    let outages = outages_of(&with_events(1, one_way), 2, 1);
     assert_eq!(outages.len(), 1);
     assert_eq!((outages[0].from_s, outages[0].closes_s, outages[0].until_s), (10.0, f64::INFINITY, 11.5));
     let both = "{ at_s = 10, for_s = 0.75, fault = 'cut', from = [1], to = [2] }, \
                 { at_s = 10.5, for_s = 0.75, fault = 'cut', from = [1], to = [2, 3] }";
-    let outages = cuts::outages(&with_events(1, both), id(1), id(2));
+    let outages = outages_of(&with_events(1, both), 1, 2);
     assert_eq!((outages[0].closes_s, outages[0].until_s), (11.0, 11.25));
     assert_eq!(silences(&with_events(1, both).mission.events, id(1), id(2)), vec![10.0..11.25]);
     assert_eq!(silences(&with_events(1, both).mission.events, id(2), id(1)), vec![]);

@@ -1,7 +1,6 @@
 //! The arrivals of one message at its receivers.
 
 use alloc::sync::Arc;
-use alloc::vec::Vec;
 
 use skein_common::time::LocalTime;
 
@@ -13,7 +12,7 @@ pub enum Arrival {
     /// It arrives at all of them at once.
     Alike(LocalTime),
     /// Each has a random delay, which is computed when it is needed: of most arrivals no vehicle ever asks the time.
-    Spread(Arc<Spread>),
+    Spread(Spread),
 }
 
 impl Arrival {
@@ -38,7 +37,7 @@ impl Arrival {
     pub(super) fn is(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Alike(one), Self::Alike(other)) => one == other,
-            (Self::Spread(one), Self::Spread(other)) => Arc::ptr_eq(one, other),
+            (Self::Spread(one), Self::Spread(other)) => Arc::ptr_eq(&one.numbers, &other.numbers),
             _ => false,
         }
     }
@@ -54,7 +53,7 @@ pub struct Spread {
     /// The longest random part, s.
     pub jitter_s: f64,
     /// The random numbers of that part, by receiver.
-    pub numbers: Vec<u32>,
+    pub numbers: Arc<[u32]>,
 }
 
 impl Spread {

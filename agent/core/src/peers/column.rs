@@ -9,20 +9,32 @@ use skein_common::message::MessageOrder;
 use skein_common::time::LocalTime;
 
 use super::arrival::Arrival;
+use super::index;
 
 /// The messages of one kind from one sender that may still be needed, and the newest one at each receiver.
+///
+/// Nearly every receiver has one of the two newest messages, so these have sets of receivers; a receiver with an earlier one has an
+/// entry of its own.
+///
+/// Agents read the columns of their near peers in each step, and find them in no near cache: what they need of a column lies in its
+/// first two lines of 64 bytes, and what they need of a message in the first two of its slot.
 #[derive(Clone, Debug)]
+#[repr(C, align(64))]
 pub(super) struct Column<M> {
+    /// The receivers at which each recent message is their newest.
+    at: [VehicleSet; 2],
+    /// The newest messages that any receiver has received so far, the newest one first.
+    recent: [Option<SlotIndex>; 2],
     slots: Vec<Slot<M>>,
-    free: Vec<SlotIndex>,
-    /// The newest message at each receiver.
-    newest: Vec<Option<SlotIndex>>,
-    /// Its arrival at each receiver, by the receiver's clock; empty while all arrivals of each message are in its slot.
+    /// The arrival of the newest message at each receiver, by its clock; empty while all arrivals of each message are in its slot.
     arrived_at: Vec<LocalTime>,
-    /// The newest message that any receiver has received so far: its order, and its slot then.
-    delivered: Option<(MessageOrder, SlotIndex)>,
-    /// The slot of the newest one before that.
-    pub(super) before: Option<SlotIndex>,
+    /// The order of the newest message.
+    newest: Option<MessageOrder>,
+    free: Vec<SlotIndex>,
+    /// The newest message at each receiver that has none of the recent ones.
+    behind: Vec<Option<SlotIndex>>,
+    /// The message that each receiver's link holds back; empty if none ever did.
+    held: Vec<Option<SlotIndex>>,
 }
 
 /// The index of a slot. It is kept plus one, so that none takes no more room than one.
@@ -63,16 +75,17 @@ pub(super) enum ParcelKind {
 
 /// A message with what the inbox knows of it.
 #[derive(Clone, Debug)]
+#[repr(C, align(64))]
 pub(super) struct Slot<M> {
     pub(super) message: M,
+    /// Its arrivals by the receivers' clocks, as of the first delivery.
+    arrival: Option<Arrival>,
     pub(super) order: MessageOrder,
     pub(super) sent_at: LocalTime,
     /// Number of the deliveries that are still to come.
     pub(super) in_flight: u16,
     /// The length that all vehicles had travelled at most in the frame in which it was sent, m.
     pub(super) travelled_m: f64,
-    /// Its arrivals by the receivers' clocks, as of the first delivery.
-    arrival: Option<Arrival>,
 }
 
 impl<M> Slot<M> {
@@ -85,9 +98,9 @@ impl<M> Slot<M> {
 impl<M: Clone> Column<M> {
     /// The column of a swarm with so many receivers, before any message.
     pub(super) fn new(count: usize) -> Self {
-        let newest = vec![None; count];
-        let (slots, free, arrived_at) = Default::default();
-        Self { slots, free, newest, arrived_at, delivered: None, before: None }
+        let (at, recent, slots, arrived_at) = Default::default();
+        let (newest, free, behind, held) = (None, Vec::new(), vec![None; count], Vec::new());
+        Self { at, recent, slots, arrived_at, newest, free, behind, held }
     }
 
     /// Puts a message into a slot.
@@ -104,11 +117,14 @@ impl<M: Clone> Column<M> {
         }
     }
 
-    /// Frees the slots of messages that are the newest at no receiver and will not be delivered. If they are few, more room is
-    /// made, so that the next sweep is some messages away.
+    /// Frees the slots of messages that are the newest at no receiver, are held back from none and will not be delivered. If they
+    /// are few, more room is made, so that the next sweep is some messages away.
     fn sweep(&mut self) {
+        self.keep_no_arrivals();
         let mut is_needed: Vec<bool> = self.slots.iter().map(|slot| slot.in_flight > 0).collect();
-        self.newest.iter().flatten().for_each(|slot| is_needed[slot.get()] = true);
+        let behind = self.all_behind().iter().map(|id| self.behind[index(id)]);
+        let needed = behind.chain(self.recent).chain(self.held.iter().copied());
+        needed.flatten().for_each(|slot| is_needed[slot.get()] = true);
         let unneeded = is_needed.iter().enumerate().filter(|(_, is_needed)| !**is_needed);
         self.free.extend(unneeded.map(|(index, _)| SlotIndex::new(index)));
         const ROOM: usize = 3;
@@ -135,96 +151,135 @@ impl<M: Clone> Column<M> {
 
     /// The newest message at a receiver, and its arrival.
     #[inline]
-    pub(super) fn newest(&self, receiver: usize) -> Option<(&Slot<M>, LocalTime)> {
+    pub(super) fn newest(&self, receiver: VehicleId) -> Option<(&Slot<M>, LocalTime)> {
         let slot = self.slot(self.newest_slot(receiver)?);
-        let of_slot = || slot.arrival.as_ref().map(|arrival| arrival.at(receiver));
-        Some((slot, self.arrived_at.get(receiver).copied().or_else(of_slot)?))
+        let of_slot = || slot.arrival.as_ref().map(|arrival| arrival.at(index(receiver)));
+        Some((slot, self.arrived_at.get(index(receiver)).copied().or_else(of_slot)?))
     }
 
     /// The slot of the newest message at a receiver.
     #[inline]
-    pub(super) fn newest_slot(&self, receiver: usize) -> Option<SlotIndex> {
-        *self.newest.get(receiver)?
+    pub(super) fn newest_slot(&self, receiver: VehicleId) -> Option<SlotIndex> {
+        match self.at.iter().position(|at| at.contains(receiver)) {
+            Some(nth) => self.recent[nth],
+            None => *self.behind.get(index(receiver))?,
+        }
+    }
+
+    /// The receivers that have none of the recent messages.
+    fn all_behind(&self) -> VehicleSet {
+        let all: VehicleSet = VehicleId::first(self.behind.len()).collect();
+        self.at.iter().fold(all, |behind, at| behind.without(*at))
     }
 
     /// Makes a message the newest one at a receiver.
     #[inline]
-    pub(super) fn receive(&mut self, receiver: usize, slot: SlotIndex, at: LocalTime) {
-        if self.arrived_at.is_empty() {
-            let of_slot = self.slot_mut(slot).arrival.get_or_insert(Arrival::Alike(at));
-            if of_slot.at(receiver) != at {
-                self.keep_arrivals();
-            }
+    pub(super) fn receive(&mut self, receiver: VehicleId, slot: SlotIndex, at: LocalTime) {
+        let of_slot = self.slot_mut(slot).arrival.get_or_insert(Arrival::Alike(at));
+        if of_slot.at(index(receiver)) != at && self.arrived_at.is_empty() {
+            self.keep_arrivals();
         }
-        self.newest[receiver] = Some(slot);
-        if let Some(arrived_at) = self.arrived_at.get_mut(receiver) {
+        let mut is_behind = true;
+        for (at, recent) in self.at.iter_mut().zip(self.recent) {
+            let is_it = recent == Some(slot);
+            at.set(receiver, is_it);
+            is_behind &= !is_it;
+        }
+        if is_behind {
+            self.behind[index(receiver)] = Some(slot);
+        }
+        if let Some(arrived_at) = self.arrived_at.get_mut(index(receiver)) {
             *arrived_at = at;
         }
     }
 
+    /// Makes the newest message the newest one at these receivers too, whose arrivals have been noted.
+    pub(super) fn fill(&mut self, receivers: VehicleSet, arrival: &Arrival) {
+        let [at_newest, at_before] = &mut self.at;
+        at_newest.extend(receivers);
+        *at_before = at_before.without(receivers);
+        if !self.arrived_at.is_empty() {
+            receivers.iter().for_each(|id| self.arrived_at[index(id)] = arrival.at(index(id)));
+        }
+    }
+
     /// Notes the arrivals of a message at receivers that get it now or later. Over most networks these are all of its arrivals, and
-    /// lie in its slot; the first message of which they are not makes the column keep the arrivals of each receiver from then on.
+    /// lie in its slot; a message of which they are not makes the column keep the arrival at each receiver for a while.
     pub(super) fn note_arrival(&mut self, slot: SlotIndex, arrival: &Arrival) {
-        if self.arrived_at.is_empty() && !self.slot_mut(slot).arrival.get_or_insert_with(|| arrival.clone()).is(arrival)
-        {
+        let of_slot = self.slot_mut(slot).arrival.get_or_insert_with(|| arrival.clone());
+        if !of_slot.is(arrival) && self.arrived_at.is_empty() {
             self.keep_arrivals();
         }
     }
 
+    /// The arrival of the newest message at a receiver as its slot has it.
+    fn arrival_in_slot(&self, receiver: VehicleId) -> Option<LocalTime> {
+        Some(self.slot(self.newest_slot(receiver)?).arrival.as_ref()?.at(index(receiver)))
+    }
+
     fn keep_arrivals(&mut self) {
-        let arrived_at = |(receiver, slot): (usize, &Option<SlotIndex>)| {
-            let arrival = slot.and_then(|slot| self.slot(slot).arrival.as_ref());
-            arrival.map_or(LocalTime::ZERO, |arrival| arrival.at(receiver))
-        };
-        self.arrived_at = self.newest.iter().enumerate().map(arrived_at).collect();
+        let receivers = VehicleId::first(self.behind.len());
+        self.arrived_at = receivers.map(|id| self.arrival_in_slot(id).unwrap_or(LocalTime::ZERO)).collect();
+    }
+
+    /// Keeps the arrivals in the slots alone again once all of the newest messages are there.
+    fn keep_no_arrivals(&mut self) {
+        let is_in_slot =
+            |(id, at): (VehicleId, &LocalTime)| self.newest_slot(id).is_none() || self.arrival_in_slot(id) == Some(*at);
+        if VehicleId::first(self.behind.len()).zip(&self.arrived_at).all(is_in_slot) {
+            self.arrived_at = Vec::new();
+        }
     }
 
     /// Forgets what a receiver has received.
-    pub(super) fn forget(&mut self, receiver: usize) {
-        self.newest[receiver] = None;
+    pub(super) fn forget(&mut self, receiver: VehicleId) {
+        self.at.iter_mut().for_each(|at| at.remove(receiver));
+        self.behind[index(receiver)] = None;
+    }
+
+    /// Holds a message back from these receivers, in the place of an earlier one.
+    pub(super) fn hold(&mut self, slot: SlotIndex, receivers: VehicleSet) {
+        if self.held.is_empty() {
+            self.held = vec![None; self.behind.len()];
+        }
+        receivers.runs().for_each(|run| self.held[run].fill(Some(slot)));
+    }
+
+    /// The message that is held back from a receiver, which it is no longer.
+    pub(super) fn take_held(&mut self, receiver: VehicleId) -> Option<SlotIndex> {
+        self.held.get_mut(index(receiver))?.take()
     }
 
     /// Notes that a message reaches receivers. Returns whether none has received another one that is as new.
     pub(super) fn note_delivery(&mut self, slot: SlotIndex) -> bool {
         let order = self.slot(slot).order;
-        let is_newer = self.delivered.is_none_or(|(delivered, _)| delivered < order);
-        if is_newer {
-            self.before = self.delivered.replace((order, slot)).map(|(_, slot)| slot);
+        let ([at_newest, at_before], [newest, before]) = (self.at, self.recent);
+        if self.newest.is_none_or(|newest| newest < order) {
+            at_before.iter().for_each(|id| self.behind[index(id)] = before);
+            self.at = [VehicleSet::default(), at_newest];
+            self.recent = [Some(slot), newest];
+            self.newest = Some(order);
         }
-        self.delivered == Some((order, slot))
+        self.recent[0] == Some(slot)
     }
 
-    /// The receivers at which another message than this one is the newest.
-    pub(super) fn with_others(&self, slot: SlotIndex) -> VehicleSet {
-        const TOGETHER: usize = 32;
-        // At most receivers it is the newest.
-        let differ = |(_, newest): &(usize, &[Option<SlotIndex>])| newest.iter().any(|newest| *newest != Some(slot));
-        let with_others = self.newest.chunks(TOGETHER).enumerate().filter(differ).flat_map(|(chunk, newest)| {
-            let here = newest.iter().enumerate().filter(|(_, newest)| **newest != Some(slot));
-            here.map(move |(nth, _)| TOGETHER * chunk + nth)
-        });
-        with_others.filter_map(|receiver| VehicleId::new(receiver as u8 + 1).ok()).collect()
+    /// The slot of the newest message before the newest one.
+    pub(super) fn before(&self) -> Option<SlotIndex> {
+        self.recent[1]
     }
 
-    /// Makes a message the newest one at these receivers, whose arrivals have been noted.
-    pub(super) fn fill(&mut self, slot: SlotIndex, receivers: VehicleSet, arrival: &Arrival) {
-        for run in receivers.runs() {
-            self.newest[run.clone()].fill(Some(slot));
-            let arrived_at = self.arrived_at.get_mut(run.clone()).unwrap_or_default();
-            arrived_at.iter_mut().zip(run).for_each(|(at, receiver)| *at = arrival.at(receiver));
-        }
+    /// The receivers at which the newest message before the newest one is their newest.
+    pub(super) fn with_before(&self) -> VehicleSet {
+        self.at[1]
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use alloc::sync::Arc;
-
     use proptest::prelude::*;
     use skein_common::id::Incarnation;
 
     use super::super::arrival::Spread;
-    use super::super::index;
     use super::*;
 
     fn message(number: u64) -> Slot<u64> {
@@ -236,7 +291,7 @@ mod tests {
         let sent_at = LocalTime::from_nanoseconds(1000 * number);
         match numbers {
             None => Arrival::Alike(sent_at),
-            Some(numbers) => Arrival::Spread(Arc::new(Spread { sent_at, delay_s: 0.0, jitter_s: 1e-6, numbers })),
+            Some(numbers) => Arrival::Spread(Spread { sent_at, delay_s: 0.0, jitter_s: 1e-6, numbers: numbers.into() }),
         }
     }
 
@@ -260,17 +315,17 @@ mod tests {
                 let late = |receiver: usize| if kind == 0 && receiver == 7 { 1e-3 } else { 0.0 };
                 let arrives = |receiver: usize| arrival.at(receiver).plus_seconds(late(receiver));
                 if kind < 4 {
-                    reached.iter().for_each(|id| column.receive(index(id), slot, arrives(index(id))));
+                    reached.iter().for_each(|id| column.receive(id, slot, arrives(index(id))));
                 } else {
                     column.note_arrival(slot, &arrival);
-                    column.fill(slot, reached, &arrival);
+                    column.fill(reached, &arrival);
                 }
                 reached.iter().for_each(|id| expected[index(id)] = Some((number, arrives(index(id)))));
 
                 let newest = |receiver| column.newest(receiver).map(|(slot, at)| (slot.message, at));
-                prop_assert_eq!((0..count).map(newest).collect::<Vec<_>>(), expected.clone());
-                let is_other = |id: &VehicleId| expected[index(*id)].is_none_or(|(newest, _)| newest != number);
-                prop_assert_eq!(column.with_others(slot), receivers.iter().filter(is_other).collect());
+                prop_assert_eq!(VehicleId::first(count).map(newest).collect::<Vec<_>>(), expected.clone());
+                let has_before = |id: &VehicleId| expected[index(*id)].is_some_and(|(newest, _)| newest + 1 == number);
+                prop_assert_eq!(column.with_before(), receivers.iter().filter(has_before).collect());
             }
         }
     }

@@ -120,12 +120,12 @@ impl FromSender {
         news: &mut AllNews,
     ) -> bool {
         let Self { states, heartbeats, .. } = self;
-        let nth = arrival.nth;
-        let of_state = states.newest(nth).map(|(slot, _)| slot.order.incarnation);
-        let before = of_state.max(heartbeats.newest(nth).map(|(slot, _)| slot.order.incarnation));
+        let receiver = arrival.receiver;
+        let of_state = states.newest(receiver).map(|(slot, _)| slot.order.incarnation);
+        let before = of_state.max(heartbeats.newest(receiver).map(|(slot, _)| slot.order.incarnation));
         if before.is_some_and(|before| before < new) {
-            states.forget(nth);
-            heartbeats.forget(nth);
+            states.forget(receiver);
+            heartbeats.forget(receiver);
             news.add(arrival, Item::Restarted(sender));
         }
         before.is_none_or(|before| before <= new)
@@ -137,10 +137,10 @@ impl FromSender {
         // Most receivers have the same message before this one.
         let mut compared = (None, true);
         for arrival in arrivals {
-            let Arriving { nth, turn, at, .. } = arrival;
+            let Arriving { receiver, nth, turn, at } = arrival;
             let is_current =
                 !self.has_restarted || self.accepts_incarnation(parcel.sender, order.incarnation, arrival, news);
-            let before = self.states.newest_slot(nth);
+            let before = self.states.newest_slot(receiver);
             if before != compared.0 {
                 let is_newer = before.is_none_or(|last| self.states.slot(last).order < order);
                 compared = (before, is_newer);
@@ -149,7 +149,7 @@ impl FromSender {
                 news.add(arrival, Item::Old(parcel.sender));
                 continue;
             }
-            self.states.receive(nth, parcel.slot, at);
+            self.states.receive(receiver, parcel.slot, at);
             if let Some(right_at) = self.states_right_at.get_mut(nth) {
                 *right_at = turn.0;
             }
@@ -169,26 +169,25 @@ impl FromSender {
                 if !self.states.note_delivery(slot) {
                     return receivers;
                 }
-                self.states.fill(slot, receivers, arrival);
+                self.states.fill(receivers, arrival);
                 AllNews::note_all(&mut news.states, sender, receivers);
                 VehicleSet::default()
             }
             ParcelKind::Heartbeat => {
                 let is_newest = self.heartbeats.note_delivery(slot);
                 let SentHeartbeat { message, needs_all } = &self.heartbeats.slot(slot).message;
-                let Some(before) = self.heartbeats.before.filter(|_| is_newest && !needs_all) else {
+                let Some(before) = self.heartbeats.before().filter(|_| is_newest && !needs_all) else {
                     return receivers;
                 };
                 let after = self.after(Some(before), slot);
                 if !matches!(after, After::Newer { has_gap: false, change: AgreementChange::Nothing, .. }) {
                     return receivers;
                 }
-                let mut apart = self.heartbeats.with_others(before);
-                message.echo.iter().for_each(|echo| apart.insert(echo.of));
-                let alike = receivers.without(apart);
-                self.heartbeats.fill(slot, alike, arrival);
+                let mut alike = receivers.both(self.heartbeats.with_before());
+                message.echo.iter().for_each(|echo| alike.remove(echo.of));
+                self.heartbeats.fill(alike, arrival);
                 AllNews::note_all(&mut news.heartbeats, sender, alike);
-                receivers.both(apart)
+                receivers.without(alike)
             }
         }
     }
@@ -205,7 +204,7 @@ impl FromSender {
                 news.add(arrival, Item::Old(parcel.sender));
                 continue;
             }
-            let before = self.heartbeats.newest_slot(nth);
+            let before = self.heartbeats.newest_slot(receiver);
             if before != compared.0 {
                 compared = (before, self.after(before, parcel.slot));
             }
@@ -214,7 +213,7 @@ impl FromSender {
                     if has_gap {
                         self.gaps_at[nth] = at;
                     }
-                    self.heartbeats.receive(nth, parcel.slot, at);
+                    self.heartbeats.receive(receiver, parcel.slot, at);
                     news.heartbeats[nth].insert(parcel.sender);
                     let is_concerned = match change {
                         AgreementChange::Nothing => false,
@@ -344,14 +343,6 @@ impl SwarmInbox {
         Parcel { sender, kind: ParcelKind::State, slot }
     }
 
-    /// Puts a state into the inbox again, which a link has held back since then. How far its sender has come in the meantime is
-    /// not known here.
-    pub fn put_held_state(&mut self, state: &ReceivedState, held_since: LocalTime) -> Parcel {
-        let sender = state.header.sender;
-        let slot = self.senders[index(sender)].states.put(state_slot(state, held_since, 0.0));
-        Parcel { sender, kind: ParcelKind::State, slot }
-    }
-
     /// Puts a heartbeat into the inbox, before any receiver has it.
     pub fn put_heartbeat(&mut self, heartbeat: &Heartbeat, sent_at: LocalTime) -> Parcel {
         let sender = heartbeat.header.sender;
@@ -371,6 +362,27 @@ impl SwarmInbox {
             ParcelKind::Heartbeat => &mut from.heartbeats.slot_mut(parcel.slot).in_flight,
         };
         *in_flight = in_flight.wrapping_add_signed(deliveries);
+    }
+
+    /// Holds a message back from these receivers, in the place of an earlier one of its kind.
+    pub fn hold(&mut self, parcel: Parcel, receivers: VehicleSet) {
+        let from = &mut self.senders[index(parcel.sender)];
+        match parcel.kind {
+            ParcelKind::State => from.states.hold(parcel.slot, receivers),
+            ParcelKind::Heartbeat => from.heartbeats.hold(parcel.slot, receivers),
+        }
+    }
+
+    /// The state of a sender that is held back from a receiver, which it is no longer.
+    pub fn take_held_state(&mut self, sender: VehicleId, receiver: VehicleId) -> Option<Parcel> {
+        let slot = self.senders[index(sender)].states.take_held(receiver)?;
+        Some(Parcel { sender, kind: ParcelKind::State, slot })
+    }
+
+    /// The heartbeat of a sender that is held back from a receiver, which it is no longer.
+    pub fn take_held_heartbeat(&mut self, sender: VehicleId, receiver: VehicleId) -> Option<Parcel> {
+        let slot = self.senders[index(sender)].heartbeats.take_held(receiver)?;
+        Some(Parcel { sender, kind: ParcelKind::Heartbeat, slot })
     }
 
     /// Delivers a message to receivers, to each at its time. `serial` is the number of the delivery.
@@ -432,8 +444,10 @@ impl SwarmInbox {
     pub fn forget(&mut self, receiver: VehicleId) {
         let nth = index(receiver);
         for from in &mut self.senders {
-            from.states.forget(nth);
-            from.heartbeats.forget(nth);
+            from.states.forget(receiver);
+            from.heartbeats.forget(receiver);
+            from.states.take_held(receiver);
+            from.heartbeats.take_held(receiver);
             from.gaps_at[nth] = LocalTime::ZERO;
         }
         self.news.forget(nth);
@@ -475,7 +489,7 @@ impl SwarmInbox {
     }
 
     /// The length in [`Self::travel`] that counts for the newest state of a sender at a receiver, m.
-    pub(super) fn travelled_m(&self, sender: usize, receiver: usize) -> f64 {
+    pub(super) fn travelled_m(&self, sender: usize, receiver: VehicleId) -> f64 {
         self.senders.get(sender).and_then(|from| from.states.newest(receiver)).map_or(0.0, |(slot, _)| slot.travelled_m)
     }
 
@@ -486,23 +500,31 @@ impl SwarmInbox {
 
     /// The newest state of a sender at a receiver.
     #[inline]
-    pub(super) fn motion(&self, sender: usize, receiver: usize) -> Option<Motion> {
+    pub(super) fn motion(&self, sender: usize, receiver: VehicleId) -> Option<Motion> {
         let (slot, at) = self.senders.get(sender)?.states.newest(receiver)?;
         let SentMotion { position, velocity, heading_rad, stamp } = slot.message;
         let excess = Excess::new(at, since_stamp_s(at, stamp));
         Some(Motion { position, velocity, heading_rad, at, excess })
     }
 
+    /// The position and the velocity in the newest state of a sender at a receiver.
+    #[inline]
+    pub(super) fn reported(&self, sender: usize, receiver: VehicleId) -> Option<(PositionNed, VelocityNed)> {
+        let states = &self.senders.get(sender)?.states;
+        let SentMotion { position, velocity, .. } = states.slot(states.newest_slot(receiver)?).message;
+        Some((position, velocity))
+    }
+
     /// Time from the sending of a sender's newest state to its arrival at a receiver, s.
-    pub(super) fn latency_s(&self, sender: usize, receiver: usize) -> Option<f64> {
+    pub(super) fn latency_s(&self, sender: usize, receiver: VehicleId) -> Option<f64> {
         let from = self.senders.get(sender)?;
         let (slot, at) = from.states.newest(receiver)?;
-        let right_at = from.states_right_at.get(receiver).copied().unwrap_or(at);
+        let right_at = from.states_right_at.get(index(receiver)).copied().unwrap_or(at);
         Some(right_at.seconds_since(slot.sent_at))
     }
 
     /// The newest messages of a sender at a receiver.
-    pub(super) fn newest(&self, sender: usize, receiver: usize) -> Newest {
+    pub(super) fn newest(&self, sender: usize, receiver: VehicleId) -> Newest {
         let Some(from) = self.senders.get(sender) else { return Newest::default() };
         let state = from.states.newest(receiver).map(|(slot, at)| StateArrival { sequence: slot.order.sequence, at });
         let heartbeat = self.heartbeat(sender, receiver);
@@ -512,12 +534,12 @@ impl SwarmInbox {
             state,
             heartbeat,
             received_at,
-            gap_at: Some(from.gaps_at[receiver]).filter(|at| *at > LocalTime::ZERO),
+            gap_at: Some(from.gaps_at[index(receiver)]).filter(|at| *at > LocalTime::ZERO),
         }
     }
 
     /// The newest heartbeat of a sender at a receiver.
-    pub(super) fn heartbeat(&self, sender: usize, receiver: usize) -> Option<KeptHeartbeat> {
+    pub(super) fn heartbeat(&self, sender: usize, receiver: VehicleId) -> Option<KeptHeartbeat> {
         let (slot, at) = self.senders.get(sender)?.heartbeats.newest(receiver)?;
         let message = &slot.message.message;
         let agreement = Agreed::new(message, self.plan);

@@ -3,6 +3,7 @@
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 
+use skein_common::frame::{PositionNed, VelocityNed};
 use skein_common::id::VehicleId;
 
 use super::inbox::SwarmInbox;
@@ -52,7 +53,7 @@ impl Messages {
     pub(super) fn newest(&self, id: VehicleId) -> Option<Newest> {
         match self {
             Self::Own { newest, .. } => newest.get(index(id)).copied(),
-            Self::Swarm { inbox, receiver } => Some(inbox.as_ref()?.newest(index(id), index(*receiver))),
+            Self::Swarm { inbox, receiver } => Some(inbox.as_ref()?.newest(index(id), *receiver)),
         }
     }
 
@@ -61,7 +62,16 @@ impl Messages {
     pub(super) fn motion(&self, id: VehicleId) -> Option<Motion> {
         match self {
             Self::Own { motions, .. } => motions.get(index(id)).copied(),
-            Self::Swarm { inbox, receiver } => inbox.as_ref()?.motion(index(id), index(*receiver)),
+            Self::Swarm { inbox, receiver } => inbox.as_ref()?.motion(index(id), *receiver),
+        }
+    }
+
+    /// The position and the velocity in the newest state of a vehicle, if any was received.
+    #[inline]
+    pub(super) fn reported(&self, id: VehicleId) -> Option<(PositionNed, VelocityNed)> {
+        match self {
+            Self::Own { motions, .. } => motions.get(index(id)).map(|motion| (motion.position, motion.velocity)),
+            Self::Swarm { inbox, receiver } => inbox.as_ref()?.reported(index(id), *receiver),
         }
     }
 
@@ -69,7 +79,7 @@ impl Messages {
     pub(super) fn heartbeat(&self, id: VehicleId) -> Option<KeptHeartbeat> {
         match self {
             Self::Own { newest, .. } => newest.get(index(id))?.heartbeat,
-            Self::Swarm { inbox, receiver } => inbox.as_ref()?.heartbeat(index(id), index(*receiver)),
+            Self::Swarm { inbox, receiver } => inbox.as_ref()?.heartbeat(index(id), *receiver),
         }
     }
 
@@ -77,7 +87,7 @@ impl Messages {
     pub(super) fn latency_s(&self, id: VehicleId) -> Option<f64> {
         match self {
             Self::Own { .. } => None,
-            Self::Swarm { inbox, receiver } => inbox.as_ref()?.latency_s(index(id), index(*receiver)),
+            Self::Swarm { inbox, receiver } => inbox.as_ref()?.latency_s(index(id), *receiver),
         }
     }
 }

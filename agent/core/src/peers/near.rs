@@ -14,16 +14,16 @@ const SKIN_SHARE: f64 = 0.1;
 /// A peer counts as too far off to be listed from this much farther on, m: more than the rounding error of a distance.
 const ROUNDING_M: f64 = 1e-3;
 
-/// Time for which far peers have to stay far so that it is worth knowing them, s.
-const FAR_FOR_S: f64 = 1.0;
+/// Number of distances beyond that of the list from which far peers are known, evenly spaced up to twice that of the list.
+const SHELLS: usize = 8;
 
 /// The list of near peers, horizontally.
 #[derive(Clone, Debug, Default)]
 pub(super) struct NearList {
     made: Option<Made>,
     near: VehicleSet,
-    /// Peers that were more than twice as far off as those listed when the list was made, and of which there was news.
-    far: VehicleSet,
+    /// Peers that were farther off than those listed by so many parts of that distance when the list was made.
+    far: [VehicleSet; SHELLS],
     /// Largest speed of a peer since the list was made, m/s.
     fastest_m_s: f64,
 }
@@ -36,7 +36,7 @@ struct Made {
     /// The interaction distance, and the distance up to which peers are on the list, m.
     reach_m: f64,
     listed_m: f64,
-    /// [`Travel::travelled_m`] when the oldest newest state of a far peer was taken.
+    /// [`Travel::travelled_m`] at that time.
     travelled_m: f64,
 }
 
@@ -99,33 +99,31 @@ impl NearList {
         let listed_m = reach_m + SKIN_M + SKIN_SHARE * reach_m;
         (self.near, self.far, self.fastest_m_s) = Default::default();
         self.made = Some(Made { own, at, reach_m, listed_m, travelled_m: travel.travelled_m });
-        let mut from_m = travel.travelled_m;
         for Extrapolated { id, position, velocity, carried_s, travelled_m } in peers {
             self.moved(id, position, velocity);
-            // Both the position now and the reported one are that far off.
-            let beyond_m = 2.0 * listed_m + velocity.horizontal().norm() * carried_s + ROUNDING_M;
-            // One of which there was no news for long may be anywhere by now: the list would have to be made anew at once.
-            let stays_far = travel.come_m(travelled_m, FAR_FOR_S) <= listed_m;
-            if stays_far && (position - own).xy().norm_squared() > beyond_m * beyond_m {
-                self.far.insert(id);
-                from_m = from_m.min(travelled_m);
-            }
+            // The position now, the reported one and those of states that have not arrived yet are at least this much farther off.
+            let may_differ_m = velocity.horizontal().norm() * carried_s + travel.travelled_m - travelled_m + ROUNDING_M;
+            let farther_m = (position - own).xy().norm() - listed_m - may_differ_m;
+            let shells = (farther_m * SHELLS as f64 / listed_m).floor() as usize;
+            self.far.iter_mut().take(shells).for_each(|far| far.insert(id));
         }
-        self.made = Some(Made { own, at, reach_m, listed_m, travelled_m: from_m });
         self.near
     }
 
-    /// The peers that are still too far away to be listed, whatever their newest states. Discards the list once one of them
+    /// The peers that are still too far away to be listed, whatever their newest states. Discards the list once even the farthest
     /// may have come near enough.
     ///
     /// A state is at most the travelled length from the last one before the list, and is carried forward at most over the
     /// time since then and its delay.
     pub(super) fn far(&mut self, now: LocalTime, travel: Travel) -> VehicleSet {
-        let Some(made) = self.made.filter(|_| !self.far.is_empty()) else { return VehicleSet::default() };
-        if travel.come_m(made.travelled_m, now.seconds_since(made.at).max(0.0)) > made.listed_m {
+        let Some(made) = self.made else { return VehicleSet::default() };
+        let come_m = travel.come_m(made.travelled_m, now.seconds_since(made.at).max(0.0));
+        let shells = (come_m * SHELLS as f64 / made.listed_m).ceil() as usize;
+        if shells > SHELLS && !self.far[SHELLS - 1].is_empty() {
             self.discard();
         }
-        self.far
+        // Those of the shell before the one that they may have crossed by now.
+        shells.checked_sub(1).and_then(|nth| self.far.get(nth)).copied().unwrap_or_default()
     }
 
     /// Whether the list stays right when this peer has a new state with these values, which is carried forward over
@@ -165,18 +163,19 @@ mod tests {
     use crate::tests::id;
 
     #[test]
-    fn a_peer_that_was_silent_for_long_does_not_end_the_list() {
+    fn a_peer_that_was_silent_for_long_is_far_only_if_it_cannot_have_come() {
         let travel = Travel { travelled_m: 500.0, fastest_m_s: 5.0, delay_s: 0.1 };
-        let far_away = |number: u8, travelled_m: f64| Extrapolated {
+        let silent = |number: u8, north_m: f64| Extrapolated {
             id: id(number),
-            position: PositionNed::new(3000.0, 0.0, -30.0),
+            position: PositionNed::new(north_m, 0.0, -30.0),
             velocity: VelocityNed::default(),
             carried_s: 0.0,
-            travelled_m,
+            travelled_m: 100.0,
         };
         let (own, made_at, reach_m) = (PositionNed::default(), LocalTime::from_seconds(100.0), 100.0);
         let mut list = NearList::default();
-        let peers = [far_away(1, 500.0), far_away(2, 100.0)];
+        // Those on the list are within 120 m, and either can have come 400 m.
+        let peers = [silent(1, 3000.0), silent(2, 530.0)];
         assert!(list.make(own, made_at, reach_m, travel, peers.into_iter()).is_empty());
         let next = made_at.plus_seconds(0.02);
         assert_eq!(list.far(next, travel), [id(1)].into_iter().collect());

@@ -57,8 +57,9 @@ pub(super) struct Records {
     unchanged_until: LocalTime,
     /// A number that changes whenever the agreement's inputs may have changed.
     pub(super) revision: u64,
-    /// Number of updates after which every list of near peers has to be made anew.
-    pub(super) relistings: u64,
+    /// Number of updates that have brought any vehicle back into sight, and the vehicles that the last one has.
+    pub(super) sightings: u64,
+    pub(super) sighted: VehicleSet,
     /// Vehicles of which the last update has taken a state.
     pub(super) moved: VehicleSet,
     /// Vehicles of which the last update has taken any message.
@@ -207,7 +208,8 @@ impl Records {
         self.trip_changes.clear();
         // The first frames have much more of them than all others.
         self.trip_changes.shrink_to(4);
-        (self.touched, self.moved, self.arrived, self.echoed, self.suspected_too_early) = Default::default();
+        (self.touched, self.moved, self.arrived, self.echoed) = Default::default();
+        (self.sighted, self.suspected_too_early) = Default::default();
         before
     }
 
@@ -278,7 +280,7 @@ impl Records {
     /// [`Travel::travelled_m`] when the newest state of a vehicle was taken, or less, m.
     pub(super) fn travelled_m(&self, id: VehicleId) -> f64 {
         match &self.messages {
-            Messages::Swarm { inbox: Some(inbox), receiver } => inbox.travelled_m(index(id), index(*receiver)),
+            Messages::Swarm { inbox: Some(inbox), receiver } => inbox.travelled_m(index(id), *receiver),
             _ => self.travelled_m,
         }
     }
@@ -341,7 +343,6 @@ impl Records {
                 judged.extend(affected);
             }
         }
-        let mut is_relisted = false;
         for id in judged.iter() {
             let (Some(peer), Some(until)) =
                 (self.peers.get_mut(index(id)), self.peer_unchanged_until.get_mut(index(id)))
@@ -369,12 +370,12 @@ impl Records {
             self.unchanged_until = self.unchanged_until.min(*until);
             let differing = core::mem::replace(&mut peer.status, status).differing(status);
             self.revision += u64::from(differing.contains(Status::AGREES));
-            is_relisted |= differing.contains(Status::SEEN);
+            self.sighted.set(id, differing.contains(Status::SEEN) && status.contains(Status::SEEN));
             for bit in differing.bits() {
                 self.with[bit].set(id, status.has(bit));
             }
         }
-        self.relistings += u64::from(is_relisted);
+        self.sightings += u64::from(!self.sighted.is_empty());
         if !self.suspected_too_early.is_empty() {
             // Other peers may have been suspected too early as well.
             self.unchanged_until = LocalTime::ZERO;

@@ -24,11 +24,12 @@ pub(super) struct SwarmSender {
     /// The receivers to which its links have settings of their own.
     pub(super) particular: Vec<(VehicleId, Quality)>,
     pub(super) with_particular: VehicleSet,
-    /// The receivers to which events ever cut or delay its messages, those to which they do so now, and those among these whose
-    /// session is closed.
+    /// The receivers to which events ever cut or delay its messages, and those with each present effect ([`EventEffect`]).
     pub(super) with_events: VehicleSet,
-    pub(super) affected: VehicleSet,
+    pub(super) dead: VehicleSet,
+    pub(super) cut: VehicleSet,
     pub(super) closed: VehicleSet,
+    pub(super) delayed: VehicleSet,
     /// The state of the links to all receivers, by id; empty if they have none.
     pub(super) channels: Vec<Channel>,
     in_burst: InBurst,
@@ -90,8 +91,11 @@ impl SwarmSender {
 
     /// Notes what events do now to its messages to a receiver.
     pub(super) fn note_effect(&mut self, receiver: VehicleId, effect: EventEffect) {
-        self.affected.set(receiver, effect != EventEffect::Nothing);
-        self.closed.set(receiver, effect == EventEffect::Closed);
+        let EventEffect { is_dead, is_cut, is_closed, is_delayed } = effect;
+        self.dead.set(receiver, is_dead);
+        self.cut.set(receiver, is_cut);
+        self.closed.set(receiver, is_closed);
+        self.delayed.set(receiver, is_delayed);
     }
 
     /// Makes room for the state of the links to vehicles 1 to `count`.
