@@ -18,7 +18,6 @@ mod page;
 mod sky;
 mod teams;
 
-use std::io::{Write, stdout};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use flight::Flight;
@@ -26,25 +25,17 @@ use host::Host;
 use lab::{HOSTS, Lab};
 use skein_tests::share::Share;
 
+use super::namespaces::{self, print_line};
+
 /// Permission to run one cluster at a time, with the processors that it needs; `None` if these tests cannot run here.
 fn alone() -> Option<(MutexGuard<'static, ()>, Share)> {
     static ALONE: Mutex<()> = Mutex::new(());
     let Some(missing) = lab::missing() else {
+        // Measured: its eight agents take 30 % of a processor, its watcher 6, an installation the rest.
         return Some((ALONE.lock().unwrap_or_else(PoisonError::into_inner), Share::of(60)));
     };
-    refuse(&missing);
+    namespaces::refuse(&format!("cluster tests skipped: {missing}"));
     None
-}
-
-/// Prints why the tests cannot run; fails if they are required.
-fn refuse(missing: &str) {
-    assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{missing}");
-    print_line(&format!("cluster tests skipped: {missing}"));
-}
-
-/// Prints a line to the real stdout, which the test harness does not capture.
-fn print_line(line: &str) {
-    stdout().write_all(format!("{line}\n").as_bytes()).unwrap();
 }
 
 #[test]

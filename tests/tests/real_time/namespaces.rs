@@ -32,13 +32,18 @@ const COLLISION_M: f64 = 2.0;
 /// Whether these tests can run here.
 fn can_run() -> bool {
     let Some(missing) = missing() else { return true };
-    assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{missing}");
-    print_line(&format!("tests in network namespaces skipped: {missing}"));
+    refuse(&format!("tests in network namespaces skipped: {missing}"));
     false
 }
 
+/// Prints which tests cannot run, and why; fails if they are required.
+pub(super) fn refuse(skipped: &str) {
+    assert_ne!(std::env::var("SKEIN_NAMESPACES").as_deref(), Ok("required"), "{skipped}");
+    print_line(skipped);
+}
+
 /// Prints a line to the real stdout, which the test harness does not capture.
-fn print_line(line: &str) {
+pub(super) fn print_line(line: &str) {
     stdout().write_all(format!("{line}\n").as_bytes()).unwrap();
 }
 
