@@ -99,7 +99,7 @@ fn a_check_finds_every_problem_with_its_remedy() {
     let Some(_alone) = alone() else { return };
     match faults::missing() {
         None => faults::are_found(),
-        Some(missing) => refuse(&missing),
+        Some(missing) => namespaces::refuse(&missing),
     }
 }
 
