@@ -46,7 +46,7 @@ enum Session {
     Closed,
 }
 
-/// What a change of the session does to the messages that the link has held back.
+/// The effect of a change of the session on the messages that the link has held back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SessionChange {
     /// They stay held back.
@@ -77,7 +77,7 @@ impl LinkEnd {
         })
     }
 
-    /// The end as it is when its agent begins again.
+    /// Begins again, with the agent at this end.
     pub(super) fn begin_again(&mut self) {
         (self.unchanged_s, self.session) = (NEVER, Session::Open);
         (self.token, self.reported) = (None, None);
@@ -112,7 +112,7 @@ impl LinkEnd {
         self.unchanged_s.end
     }
 
-    /// Advances to `flown_s` after take-off. `None` if the session stays as it is.
+    /// Advances to `flown_s` after take-off. `None` if the session does not change.
     pub(super) fn update(&mut self, flown_s: f64) -> Option<SessionChange> {
         if self.unchanged_s.contains(&flown_s) {
             return None;

@@ -436,7 +436,8 @@ impl SwarmNetwork {
                 if !is_there {
                     // Messages of a vehicle that has gone are dropped.
                     let inbox = Arc::make_mut(&mut self.inbox);
-                    (inbox.take_held_state(of, id), inbox.take_held_heartbeat(of, id));
+                    inbox.take_held_state(of, id);
+                    inbox.take_held_heartbeat(of, id);
                 }
                 let is_received = receiver.note_token(of, is_there);
                 sender.note_effect(id, receiver.effect(of));

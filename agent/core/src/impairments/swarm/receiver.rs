@@ -52,7 +52,7 @@ impl SwarmReceiver {
         }
     }
 
-    /// The vehicle as it is when its agent begins again.
+    /// Begins again, with its agent.
     pub(super) fn begin_again(&mut self) {
         (self.operator, self.orders, self.flown_s) = (Channel::default(), 0, None);
         self.links.iter_mut().for_each(LinkEnd::begin_again);
