@@ -1,4 +1,4 @@
-//! Functions that only Unix provides, with replacements for other systems. No other file distinguishes the systems.
+//! Functions that differ between operating systems. No other file of the agent distinguishes them.
 
 use std::io;
 use std::path::Path;
@@ -8,8 +8,8 @@ use tokio::net::TcpStream;
 
 #[cfg(unix)]
 pub use on_unix::*;
-#[cfg(not(unix))]
-pub use plain::*;
+#[cfg(windows)]
+pub use on_windows::*;
 
 /// Ends a connection when data sent on it was not acknowledged, or not accepted, for this long. Only Linux supports
 /// this; on other systems Zenoh's lease ends the connection.
@@ -154,40 +154,91 @@ mod on_unix {
     }
 }
 
-#[cfg(not(unix))]
-mod plain {
-    /// Leaves the priority unchanged. Returns a description of that.
+#[cfg(windows)]
+mod on_windows {
+    use std::env;
+    use std::io;
+    use std::net::UdpSocket;
+    use std::process;
+
+    use thread_priority::{ThreadPriority, WinAPIThreadPriority, set_current_thread_priority};
+    use tokio::net::windows::named_pipe::{NamedPipeServer, ServerOptions};
+    use tokio::signal::windows::{
+        CtrlBreak, CtrlC, CtrlClose, CtrlLogoff, CtrlShutdown, ctrl_break, ctrl_c, ctrl_close, ctrl_logoff,
+        ctrl_shutdown,
+    };
+
+    /// Gives this thread the highest priority that a process may give without asking (time critical). Returns a description of the
+    /// result.
     pub fn raise_thread_priority() -> String {
-        "ordinary priority".to_owned()
+        let critical = ThreadPriority::Os(WinAPIThreadPriority::TimeCritical.into());
+        match set_current_thread_priority(critical) {
+            Ok(()) => "real-time priority (time critical)".to_owned(),
+            Err(error) => format!("ordinary priority (time critical is not permitted: {error})"),
+        }
     }
 
-    /// Leaves memory pageable. Returns a description of that.
+    /// Leaves memory pageable: Windows keeps what a process uses in its working set. Returns a description of that.
     pub fn lock_memory() -> String {
-        "memory not locked".to_owned()
+        "memory in the working set, which Windows does not lock".to_owned()
     }
 
     /// Does nothing: Zenoh's defaults suffice.
     pub fn restart_with(_variable: (&str, &str)) {}
 
-    /// Does nothing: there is a service manager only on Unix.
-    pub fn notify_service_manager(_what: &str) {}
+    /// Notifies Skein's supervisor, if it has started this process and asked for notifications. Never waits.
+    pub fn notify_service_manager(what: &str) {
+        if let Some(port) = env::var("NOTIFY_SOCKET").ok().and_then(|port| port.parse::<u16>().ok()) {
+            // The agent flies on if the supervisor does not receive it.
+            let _ = notify(port, what);
+        }
+    }
 
-    /// Ctrl-C, which requests the end of the agent.
-    pub struct Signals;
+    fn notify(port: u16, what: &str) -> io::Result<usize> {
+        let socket = UdpSocket::bind("127.0.0.1:0")?;
+        socket.set_nonblocking(true)?;
+        socket.send_to(what.as_bytes(), ("127.0.0.1", port))
+    }
+
+    /// The name of the pipe that a process opens to ask this one to end: Windows has no signal that reaches a process without a
+    /// console. Only this user and administrators can open it for writing.
+    pub fn pipe_to_end(pid: u32) -> String {
+        format!(r"\\.\pipe\skein-end-{pid}")
+    }
+
+    /// All that asks this process to end: Ctrl-C and Ctrl-Break, a closed console, the end of the session or of the system, and a
+    /// process that opens [`pipe_to_end`].
+    pub struct Signals {
+        keys: (CtrlC, CtrlBreak),
+        closed: CtrlClose,
+        ends: (CtrlLogoff, CtrlShutdown),
+        pipe: NamedPipeServer,
+    }
 
     impl Signals {
-        /// Catches Ctrl-C, so that it no longer ends the process.
+        /// Catches them, so that they no longer end the process. Call it within Tokio.
         ///
         /// # Errors
-        /// Never.
-        pub fn catch() -> std::io::Result<Self> {
-            Ok(Self)
+        /// If the system refuses.
+        pub fn catch() -> io::Result<Self> {
+            let pipe = ServerOptions::new().create(pipe_to_end(process::id()))?;
+            Ok(Self {
+                keys: (ctrl_c()?, ctrl_break()?),
+                closed: ctrl_close()?,
+                ends: (ctrl_logoff()?, ctrl_shutdown()?),
+                pipe,
+            })
         }
 
-        /// Waits for the next Ctrl-C.
+        /// Waits for the next of them.
         pub async fn next(&mut self) {
-            if tokio::signal::ctrl_c().await.is_err() {
-                std::future::pending::<()>().await;
+            tokio::select! {
+                _ = self.keys.0.recv() => {}
+                _ = self.keys.1.recv() => {}
+                _ = self.closed.recv() => {}
+                _ = self.ends.0.recv() => {}
+                _ = self.ends.1.recv() => {}
+                _ = self.pipe.connect() => { let _ = self.pipe.disconnect(); }
             }
         }
     }
