@@ -27,7 +27,7 @@ mod supervisor;
 mod systemd;
 mod watchdog;
 
-use std::io::{self, Read};
+use std::io::{self, BufRead, Read};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
@@ -35,11 +35,15 @@ use std::time::Duration;
 
 use serde::Deserialize;
 use skein_common::id::VehicleName;
+use skein_host::clock;
 
 use super::protocol::{Answer, Ask, Change, Request, Setup};
 use crate::capacity::{self, Demand};
 use crate::findings::Line;
+use crate::os;
+use crate::program::Program;
 use node::{INSTALLS, LOG, NodeFolder, RUN, Settings};
+pub(crate) use place::LAUNCHER;
 use place::SwarmFolder;
 pub(crate) use service::START_WITHIN;
 pub use service::fly;
@@ -54,6 +58,9 @@ pub struct NodeArgs {
     /// Instead of answering a request: become this node's agent
     #[arg(long, value_name = "N")]
     pub fly: Option<VehicleName>,
+    /// Print marks of this name around the answer, on both outputs
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["supervise", "fly"])]
+    pub marks: Option<String>,
 }
 
 /// Answers one request, supervises an agent, or becomes an agent, according to the options.
@@ -68,11 +75,35 @@ pub fn run(args: &NodeArgs) -> Result<(), Error> {
     if let Some(id) = args.supervise {
         return supervisor::supervise(&place.node(id)).map_err(Error::Failed);
     }
-    let request = read(io::stdin().lock()).map_err(Error::Refused)?;
-    if let Ask::Log { lines, follow } = request.ask {
-        return show_log(&place, &place.node(request.id), lines, follow).map_err(Error::Failed);
+    let Some(name) = &args.marks else { return serve(&place) };
+    skein_lab::terminal::say(&format!("{name}-begin\n"));
+    skein_lab::terminal::complain(&format!("{name}-begin"));
+    let served = serve(&place);
+    if let Err(error) = &served {
+        skein_lab::terminal::complain(&error.to_string());
     }
-    let answer = answer(&place, request).unwrap_or_else(Answer::Failed);
+    skein_lab::terminal::say(&format!("{name}-end {}.\n", u8::from(served.is_err())));
+    skein_lab::terminal::complain(&format!("{name}-end"));
+    served
+}
+
+/// Answers the request on standard input.
+fn serve(place: &SwarmFolder) -> Result<(), Error> {
+    let mut input = io::BufReader::new(io::stdin().lock());
+    let request = read(&mut input).map_err(Error::Refused)?;
+    if let Ask::Clock = request.ask {
+        // The first of these lines ends the request.
+        for _ in input.lines().skip(1).map_while(Result::ok) {
+            let now_ns = clock::utc_nanoseconds();
+            skein_lab::terminal::say(&format!("{}.{:09}\n", now_ns / 1_000_000_000, now_ns % 1_000_000_000));
+        }
+        return Ok(());
+    }
+    drop(input);
+    if let Ask::Log { lines, follow } = request.ask {
+        return show_log(place, &place.node(request.id), lines, follow).map_err(Error::Failed);
+    }
+    let answer = answer(place, request).unwrap_or_else(Answer::Failed);
     let answer = serde_json::to_string(&answer).map_err(|error| Error::Failed(error.to_string()))?;
     skein_lab::terminal::say(&format!("{answer}\n"));
     Ok(())
@@ -80,7 +111,7 @@ pub fn run(args: &NodeArgs) -> Result<(), Error> {
 
 /// Reads the request, the first JSON value of the input. The input may stay open after it.
 fn read(input: impl Read) -> Result<Request, String> {
-    let mut input = serde_json::Deserializer::from_reader(io::BufReader::new(input));
+    let mut input = serde_json::Deserializer::from_reader(input);
     Request::deserialize(&mut input).map_err(|error| format!("not a valid request: {error}"))
 }
 
@@ -92,6 +123,15 @@ fn answer(place: &SwarmFolder, request: Request) -> Result<Answer, String> {
     let node = place.node(id);
     match ask {
         Ask::Facts => return Ok(Answer::Facts(node.facts())),
+        Ask::Program => {
+            let program = Program::read(None).map_err(|error| error.to_string())?;
+            let free_bytes = os::free_bytes(&place.folder).unwrap_or(0);
+            return Ok(Answer::Program {
+                platform: program.platform.unwrap_or_default(),
+                sum: program.sum,
+                free_bytes,
+            });
+        }
         Ask::Simulator { address } => {
             return Ok(Answer::Simulator(crate::simulators::ask(&address)));
         }
@@ -139,6 +179,8 @@ fn answer(place: &SwarmFolder, request: Request) -> Result<Answer, String> {
             install::remove(place, &node)?
         }
         Ask::Facts
+        | Ask::Program
+        | Ask::Clock
         | Ask::Simulator { .. }
         | Ask::Place { .. }
         | Ask::Reach { .. }

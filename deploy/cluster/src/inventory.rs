@@ -98,6 +98,8 @@ pub struct Node {
     pub host: Option<String>,
     /// User who logs in there; `None`: according to ssh's own configuration.
     pub user: Option<String>,
+    /// The system of its host.
+    pub system: System,
     /// Address at which peers reach it: an IP address or a name. It is part of the node's certificate.
     pub address: String,
     /// TCP port of the agent: 7446 + id, in a fleet 7446 + number of the vehicle among those of all teams.
@@ -116,6 +118,16 @@ pub struct Node {
     pub service: ServiceKind,
     /// Log filter of its agent, in the syntax of `RUST_LOG`.
     pub log: Option<String>,
+}
+
+/// The kind of operating system of a host, which decides what its login shell understands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum System {
+    /// With a POSIX shell besides the login shell: Linux, macOS.
+    #[default]
+    Unix,
+    /// Windows, with the login shell cmd.exe or PowerShell.
+    Windows,
 }
 
 /// The method of a node's installation.

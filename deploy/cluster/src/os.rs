@@ -1,5 +1,5 @@
-//! Functions that differ between operating systems: signals, process groups, file modes and owners. On systems other
-//! than Unix each has a simple alternative or reports that it is unsupported.
+//! Functions that differ between operating systems: signals, process groups, file modes and owners. What Windows does not have
+//! has a simple alternative there, or reports that it is unsupported.
 
 use ring::rand::{SecureRandom, SystemRandom};
 use std::fs;
@@ -9,10 +9,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 pub use imp::{
-    Notifications, become_program, check_own_folder, cpu_s, end, free_bytes, freeze, is_file_at, is_private, is_root,
-    is_running, leave_session, make_private, mode, most_open_files, open_own, private_folder, report_file_size_limit,
-    set_mode, symlink, uptime_s, user_name,
+    CAN_BECOME, Notifications, become_program, began, check_own_folder, cpu_s, end, free_bytes, freeze, has_mode,
+    is_file_at, is_private, is_root, is_running, leave_session, link, make_private, most_open_files, open_own,
+    private_folder, read_link, report_file_size_limit, set_mode, sync_folder, uptime_s, user_name,
 };
+use skein_agent::unix::Signals;
 use skein_lab::error::Error;
 use tokio::runtime::Runtime;
 
@@ -25,7 +26,7 @@ pub struct Interrupts {
 }
 
 impl Interrupts {
-    /// Starts counting Ctrl-C, and on Unix SIGTERM and SIGHUP, which no longer end the process.
+    /// Starts counting what [`Signals`] catches, which no longer ends the process.
     ///
     /// # Errors
     /// If the system refuses.
@@ -34,7 +35,14 @@ impl Interrupts {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
         let (runtime, count) = (runtime.map_err(failed)?, Arc::new(AtomicU32::new(0)));
         let _inside = runtime.enter();
-        imp::on_interrupt(&count).map_err(failed)?;
+        let mut signals = Signals::catch().map_err(failed)?;
+        let counted = count.clone();
+        runtime.spawn(async move {
+            loop {
+                signals.next().await;
+                counted.fetch_add(1, Relaxed);
+            }
+        });
         Ok(Self { count, _runtime: runtime })
     }
 
@@ -94,6 +102,7 @@ pub fn boot() -> Option<String> {
 
 #[cfg(unix)]
 mod imp {
+    use std::ffi::OsString;
     use std::fs::{self, File, Metadata, OpenOptions};
     use std::io;
     use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
@@ -101,25 +110,10 @@ mod imp {
     use std::os::unix::process::{CommandExt, ExitStatusExt};
     use std::path::Path;
     use std::process::{Child, Command, ExitStatus};
-    use std::sync::Arc;
-    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
     use rustix::fs::OFlags;
     use rustix::process::{Pid, Signal, kill_process, test_kill_process};
     use tokio::signal::unix::SignalKind;
-
-    pub(super) fn on_interrupt(count: &Arc<AtomicU32>) -> io::Result<()> {
-        for kind in [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()] {
-            let mut asked = tokio::signal::unix::signal(kind)?;
-            let count = count.clone();
-            tokio::spawn(async move {
-                while asked.recv().await.is_some() {
-                    count.fetch_add(1, Relaxed);
-                }
-            });
-        }
-        Ok(())
-    }
 
     /// Makes a write beyond the size limit of files (`ulimit -f`) an error, as on a full disk, instead of the end of this process.
     /// The programs that it starts are not affected.
@@ -252,20 +246,42 @@ mod imp {
         fs::set_permissions(path, fs::Permissions::from_mode(mode))
     }
 
-    /// The mode of a file: the lowest nine bits.
-    ///
-    /// # Errors
-    /// If the file does not exist, or the system has no modes.
-    pub fn mode(path: &Path) -> io::Result<u32> {
-        Ok(fs::metadata(path)?.mode() & 0o777)
+    /// Whether a file has this mode: the lowest nine bits. Where the system has no modes, every file that exists.
+    pub fn has_mode(path: &Path, mode: u32) -> bool {
+        fs::metadata(path).is_ok_and(|found| found.mode() & 0o777 == mode)
     }
 
-    /// Creates a symbolic link with exactly this target, relative or absolute.
+    /// Creates a link with exactly this target, relative or absolute: a symbolic link, or where users may make none a file with the
+    /// target's path.
     ///
     /// # Errors
-    /// If `link` exists already, or the system has no symbolic links.
-    pub fn symlink(to: &Path, link: &Path) -> io::Result<()> {
+    /// If `link` exists already, or the system refuses.
+    pub fn link(to: &Path, link: &Path) -> io::Result<()> {
         std::os::unix::fs::symlink(to, link)
+    }
+
+    /// Reads the target of a link that [`link`] has made.
+    ///
+    /// # Errors
+    /// If it is not a link.
+    pub fn read_link(link: &Path) -> io::Result<std::path::PathBuf> {
+        fs::read_link(link)
+    }
+
+    /// Makes the entries of a folder durable, where the system can.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn sync_folder(folder: &Path) -> io::Result<()> {
+        File::open(folder)?.sync_all()
+    }
+
+    /// Whether a process can become another program under the same id.
+    pub const CAN_BECOME: bool = true;
+
+    /// The time at which a process began, in a unit of the system; `None` where it does not say.
+    pub fn began(_pid: u32) -> Option<u64> {
+        None
     }
 
     /// Whether this open file is still the file at this path.
@@ -339,6 +355,14 @@ mod imp {
             Ok(Self(socket))
         }
 
+        /// The value of `NOTIFY_SOCKET` with which a process finds the socket at this path.
+        ///
+        /// # Errors
+        /// If the socket has no address.
+        pub fn address(&self, path: &Path) -> io::Result<OsString> {
+            Ok(path.into())
+        }
+
         /// Whether a report has arrived since the last call. Never waits.
         pub fn take(&self) -> bool {
             let mut has_arrived = false;
@@ -364,28 +388,32 @@ mod imp {
     }
 }
 
-#[cfg(not(unix))]
+#[cfg(windows)]
 mod imp {
     #![allow(missing_docs, reason = "documented for Unix above")]
 
-    use std::fs::File;
-    use std::io;
-    use std::path::Path;
+    use std::ffi::OsString;
+    use std::fs::{self, File};
+    use std::io::{self, Write};
+    use std::net::UdpSocket;
+    use std::path::{Path, PathBuf};
     use std::process::{Child, Command, ExitStatus};
-    use std::sync::Arc;
-    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+    use skein_agent::unix::pipe_to_end;
+    use sysinfo::{Disks, Pid, ProcessRefreshKind, ProcessesToUpdate, System};
+
+    /// Calls a function with a process of this PC; `None` if it does not exist.
+    fn process<T>(pid: u32, what: impl FnOnce(&sysinfo::Process) -> T) -> Option<T> {
+        let (pid, mut system) = (Pid::from_u32(pid), System::new().ok()?);
+        system.refresh_processes_specifics(
+            ProcessesToUpdate::Some(&[pid]),
+            true,
+            ProcessRefreshKind::nothing().with_cpu(),
+        );
+        system.process(pid).map(what)
+    }
 
     pub fn report_file_size_limit() {}
-
-    pub(super) fn on_interrupt(count: &Arc<AtomicU32>) -> io::Result<()> {
-        let count = count.clone();
-        tokio::spawn(async move {
-            while tokio::signal::ctrl_c().await.is_ok() {
-                count.fetch_add(1, Relaxed);
-            }
-        });
-        Ok(())
-    }
 
     pub(super) fn signal(_status: ExitStatus) -> Option<i32> {
         None
@@ -396,11 +424,11 @@ mod imp {
     }
 
     pub fn private_folder(path: &Path) -> io::Result<()> {
-        std::fs::create_dir_all(path)
+        fs::create_dir_all(path)
     }
 
     pub fn check_own_folder(path: &Path) -> io::Result<()> {
-        std::fs::metadata(path).map(drop)
+        fs::metadata(path).map(drop)
     }
 
     pub fn open_own(path: &Path) -> io::Result<File> {
@@ -408,7 +436,7 @@ mod imp {
     }
 
     pub fn is_private(path: &Path) -> io::Result<bool> {
-        std::fs::metadata(path).map(|_| true)
+        fs::metadata(path).map(|_| true)
     }
 
     pub fn user_name() -> String {
@@ -421,38 +449,68 @@ mod imp {
     }
 
     pub fn make_private(path: &Path) -> io::Result<()> {
-        std::fs::create_dir_all(path)
+        fs::create_dir_all(path)
     }
 
     pub fn set_mode(_path: &Path, _mode: u32) -> io::Result<()> {
         Ok(())
     }
 
-    pub fn mode(_path: &Path) -> io::Result<u32> {
-        Err(io::ErrorKind::Unsupported.into())
+    pub fn has_mode(path: &Path, _mode: u32) -> bool {
+        path.exists()
     }
 
-    pub fn symlink(_to: &Path, _link: &Path) -> io::Result<()> {
-        Err(io::ErrorKind::Unsupported.into())
+    pub fn link(to: &Path, link: &Path) -> io::Result<()> {
+        // Only administrators may make symbolic links.
+        let text = to.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
+        File::create_new(link)?.write_all(text.as_bytes())
+    }
+
+    pub fn read_link(link: &Path) -> io::Result<PathBuf> {
+        fs::read_to_string(link).map(PathBuf::from)
+    }
+
+    pub fn sync_folder(_folder: &Path) -> io::Result<()> {
+        Ok(())
+    }
+
+    pub const CAN_BECOME: bool = false;
+
+    pub fn began(pid: u32) -> Option<u64> {
+        process(pid, sysinfo::Process::start_time)
     }
 
     pub fn is_file_at(_file: &File, _path: &Path) -> bool {
         true
     }
 
-    pub fn free_bytes(_path: &Path) -> io::Result<u64> {
-        Err(io::ErrorKind::Unsupported.into())
+    pub fn free_bytes(path: &Path) -> io::Result<u64> {
+        fs::metadata(path)?;
+        let path = std::path::absolute(path)?;
+        let disks = Disks::new_with_refreshed_list().map_err(io::Error::other)?;
+        // A disk may be mounted in a folder of another one.
+        let disk = disks.iter().filter(|disk| path.starts_with(disk.mount_point()));
+        let disk = disk.max_by_key(|disk| disk.mount_point().components().count());
+        disk.map(sysinfo::Disk::available_space).ok_or_else(|| io::ErrorKind::Unsupported.into())
     }
 
     pub fn most_open_files() -> io::Result<Option<u64>> {
-        Err(io::ErrorKind::Unsupported.into())
+        // Handles are limited by memory alone.
+        Ok(None)
     }
 
-    pub fn is_running(_pid: u32) -> bool {
-        false
+    pub fn is_running(pid: u32) -> bool {
+        process(pid, |_| ()).is_some()
     }
 
-    pub fn end(_pid: u32, _by_force: bool) {}
+    pub fn end(pid: u32, by_force: bool) {
+        if by_force {
+            process(pid, sysinfo::Process::kill);
+        } else {
+            // Opening the pipe is the request; a process that does not listen is not asked.
+            let _ = File::options().write(true).open(pipe_to_end(pid));
+        }
+    }
 
     pub fn leave_session() {}
 
@@ -461,23 +519,38 @@ mod imp {
     }
 
     #[derive(Debug)]
-    pub struct Notifications;
+    pub struct Notifications(UdpSocket);
 
     impl Notifications {
-        pub fn listen(_path: &Path) -> io::Result<Self> {
-            Err(io::ErrorKind::Unsupported.into())
+        pub fn listen(path: &Path) -> io::Result<Self> {
+            // An agent that was started by an earlier supervisor sends to the port of that one.
+            let before = fs::read_to_string(path).ok().and_then(|port| port.parse::<u16>().ok());
+            let on = |port: u16| UdpSocket::bind(("127.0.0.1", port));
+            let socket = before.map_or_else(|| on(0), |port| on(port).or_else(|_| on(0)))?;
+            socket.set_nonblocking(true)?;
+            fs::write(path, socket.local_addr()?.port().to_string())?;
+            Ok(Self(socket))
+        }
+
+        pub fn address(&self, _path: &Path) -> io::Result<OsString> {
+            Ok(self.0.local_addr()?.port().to_string().into())
         }
 
         pub fn take(&self) -> bool {
-            false
+            let mut has_arrived = false;
+            let mut text = [0; 256];
+            while self.0.recv(&mut text).is_ok() {
+                has_arrived = true;
+            }
+            has_arrived
         }
     }
 
     pub fn uptime_s() -> f64 {
-        0.0
+        System::uptime().map_or(0.0, |uptime_s| uptime_s as f64)
     }
 
     pub fn cpu_s() -> Option<f64> {
-        None
+        process(std::process::id(), |own| own.accumulated_cpu_time() as f64 * 1e-3)
     }
 }

@@ -9,6 +9,9 @@ use skein_lab::error::Error;
 /// A version of the GNU C library: major, minor.
 pub type Glibc = (u32, u32);
 
+/// The platform of a program for 64-bit Windows.
+pub const WINDOWS: &str = "Windows x86_64";
+
 /// A program file in memory.
 #[derive(Clone, Debug)]
 pub struct Program {
@@ -20,7 +23,7 @@ pub struct Program {
     pub sum: String,
     /// Version and checksum, `0.1.0-1f2e3d4c5b6a`: the folder's name on a host.
     pub release: String,
-    /// Its platform in the format of `uname -sm`; `None` if it is not a program for Linux.
+    /// Its platform in the format of `uname -sm`, or [`WINDOWS`]; `None` if it is a program for neither Linux nor Windows.
     pub platform: Option<String>,
     /// The newest version of the C library that it needs, if any.
     pub glibc: Option<Glibc>,
@@ -47,7 +50,8 @@ impl Program {
         let sum = hex(digest.as_ref());
         let release = format!("{}-{}", env!("CARGO_PKG_VERSION"), &sum[..12]);
         let elf = Elf::open(&bytes);
-        let platform = elf.as_ref().and_then(Elf::machine).map(|machine| format!("Linux {machine}"));
+        let linux = elf.as_ref().and_then(Elf::machine).map(|machine| format!("Linux {machine}"));
+        let platform = linux.or_else(|| is_for_windows(&bytes).then(|| WINDOWS.to_owned()));
         let glibc = elf.as_ref().and_then(Elf::newest_glibc);
         Self { path, sum, release, platform, glibc, bytes: bytes.into() }
     }
@@ -60,7 +64,7 @@ impl Program {
         let path = self.path.display();
         match &self.platform {
             None => {
-                return Err(format!("{path} is not a program for Linux; name a program for {platform} with `binary`"));
+                return Err(format!("{path} is no program for {platform}; name one with `binary`"));
             }
             Some(own) if own != platform => {
                 return Err(format!(
@@ -90,6 +94,13 @@ pub fn glibc(text: &str) -> Option<Glibc> {
 fn version(text: &str) -> Option<Glibc> {
     let mut numbers = text.split('.').map(str::parse);
     Some((numbers.next()?.ok()?, numbers.next()?.ok()?))
+}
+
+/// Whether these are the bytes of a program for 64-bit Windows (PE): a header at the place that the old header names, for x86-64.
+fn is_for_windows(bytes: &[u8]) -> bool {
+    let at = bytes.get(0x3c..0x40).and_then(|at| Some(u32::from_le_bytes(at.try_into().ok()?) as usize));
+    let header = at.and_then(|at| bytes.get(at..at.checked_add(6)?));
+    bytes.starts_with(b"MZ") && header == Some(&[b'P', b'E', 0, 0, 0x64, 0x86])
 }
 
 /// Reads what is needed of a Linux executable (ELF): 64 bit, little-endian, like all computers that run X-Plane or an

@@ -26,6 +26,10 @@ pub struct Request {
 pub enum Ask {
     /// Report what is installed and running.
     Facts,
+    /// Report the platform and the checksum of the program that answers.
+    Program,
+    /// Answer each line of standard input with the time, seconds since 1970 with nine decimals, until it is closed.
+    Clock,
     /// Install this configuration with the program that answers, for the next start. A running agent is not affected.
     Apply(Setup),
     /// Like `Apply`, also if the node belongs to another authority, but not while its agent runs under that authority.
@@ -112,6 +116,15 @@ pub const FORCED: &str = "had not landed in time: its agent was ended wherever t
 pub enum Answer {
     /// Answer to [`Ask::Facts`].
     Facts(Facts),
+    /// Answer to [`Ask::Program`].
+    Program {
+        /// Its platform in the format of [`crate::program::Program::platform`].
+        platform: String,
+        /// SHA-256, 64 hexadecimal digits.
+        sum: String,
+        /// Free space in the file system of its folder, bytes.
+        free_bytes: u64,
+    },
     /// Answer to a task that can change something.
     Done(Change),
     /// Answer to [`Ask::Simulator`]: a description of the simulator, or why it did not answer.

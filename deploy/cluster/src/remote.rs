@@ -9,11 +9,11 @@ use serde_json::Value;
 use skein_common::id::SwarmName;
 use skein_common::printable::printable;
 
-use super::host::START_WITHIN;
+use super::host::{LAUNCHER, START_WITHIN};
 use super::program::{self, Glibc, Program};
 use super::protocol::{Answer, Ask, Change, Facts, Request};
-use super::ssh::{CommandOutput, Host, MAX_SENTENCE, Ssh, quote};
-use crate::inventory::Node;
+use super::ssh::{CommandOutput, Host, MAX_SENTENCE, NOT_INSTALLED, Ssh, quote};
+use crate::inventory::{Node, System};
 
 /// Time limit of a request, connecting included; what the host itself waits for, a landing or a process, comes on top.
 const ANSWER: Duration = Duration::from_secs(20);
@@ -31,9 +31,6 @@ const COPY: &str = r#"umask 077; b=$1; d="$1/releases/$2"; f="$d/draft.$$"; c() 
 /// Script that passes a request to a program: `$2` is the node, without `/`. The program that the node runs next answers, or without
 /// one any program of the swarm.
 const NODE: &str = r#"p=$(readlink -- "$1/node-$2/current"); p=${p##*/}; for p in "$1/releases/${p%_*}/skein" "$1"/releases/*/skein; do if [ -x "$p" ]; then exec "$p" node; fi; done; echo skein: not installed"#;
-
-/// Output of [`NODE`] if nothing of the swarm is installed.
-const NOT_INSTALLED: &str = "skein: not installed";
 
 /// The reason why a node's host did not fulfil a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -130,7 +127,7 @@ impl Remote<'_> {
     /// # Errors
     /// If the host cannot be reached, nothing is installed, or the node answers that it failed.
     pub fn ask(&self, host: &Host, node: &Node, ask: Ask) -> Result<Answer, Fault> {
-        self.ask_program(host, &self.script(node, NODE, &[&node.id.dashed()]), node, ask)
+        self.ask_program(host, &self.installed(node), node, ask)
     }
 
     /// Asks what is installed and running of a node.
@@ -157,8 +154,7 @@ impl Remote<'_> {
     /// # Errors
     /// The errors of [`Self::change`].
     pub fn change_by(&self, host: &Host, node: &Node, release: &str, ask: Ask) -> Result<Change, Fault> {
-        let program = format!("{}/releases/{release}/skein", self.folder(node));
-        changed(host, self.ask_program(host, &format!("{} node", quote(&program)), node, ask)?)
+        changed(host, self.ask_program(host, &self.released(node, release), node, ask)?)
     }
 
     fn ask_program(&self, host: &Host, command: &str, node: &Node, ask: Ask) -> Result<Answer, Fault> {
@@ -184,7 +180,7 @@ impl Remote<'_> {
         (lines, follow): (usize, bool),
         mut line: impl FnMut(&str),
     ) -> Result<(), Fault> {
-        let script = self.script(node, NODE, &[&node.id.dashed()]);
+        let script = self.installed(node);
         let mut is_installed = true;
         let request = self.request(node, Ask::Log { lines, follow });
         let ended = self.ssh.lines(host, &script, &request, |text| match text == NOT_INSTALLED {
@@ -199,6 +195,9 @@ impl Remote<'_> {
     /// # Errors
     /// If the host cannot be reached, or its answer is incomplete.
     pub fn probe(&self, host: &Host, node: &Node, release: &str) -> Result<Probed, String> {
+        if node.system == System::Windows {
+            return self.probe_windows(host, node, release);
+        }
         let output = self.ssh.run(host, &self.script(node, PROBE, &[release]), &Arc::default(), ANSWER)?;
         probed(&output.stdout).ok_or_else(|| format!("{host}: did not report its platform ({})", output.error_text()))
     }
@@ -211,8 +210,65 @@ impl Remote<'_> {
         let version = concat!("skein ", env!("CARGO_PKG_VERSION"));
         let script = self.script(node, COPY, &[&program.release, &program.sum, version]);
         let within = ANSWER + Duration::from_secs(program.bytes.len() as u64 / SLOWEST);
+        if node.system == System::Windows {
+            return self.copy_to_windows(host, node, program, within);
+        }
         let output = self.ssh.run(host, &script, &program.bytes, within)?;
         if output.status == 0 { Ok(()) } else { Err(format!("{host}: {}", output.error_text())) }
+    }
+
+    /// Asks the program of this release on a Windows host, if it is there: nothing else runs on every version of Windows.
+    fn probe_windows(&self, host: &Host, node: &Node, release: &str) -> Result<Probed, String> {
+        match self.ask_program(host, &self.released(node, release), node, Ask::Program) {
+            Ok(Answer::Program { platform, sum, free_bytes }) => {
+                Ok(Probed { platform, glibc: None, sum: Some(sum), free_bytes, folder: FolderProbe::default() })
+            }
+            // The copy reports what prevents it.
+            Err(Fault::NotInstalled) => {
+                let platform = program::WINDOWS.to_owned();
+                Ok(Probed { platform, glibc: None, sum: None, free_bytes: u64::MAX, folder: FolderProbe::default() })
+            }
+            Ok(other) => Err(unexpected(host, &other).sentence(host)),
+            Err(fault) => Err(fault.sentence(host)),
+        }
+    }
+
+    /// Copies the program under another name, renames it, and lets it name its own checksum.
+    fn copy_to_windows(&self, host: &Host, node: &Node, program: &Program, within: Duration) -> Result<(), String> {
+        let folder = format!("{}/releases/{}", self.folder(node), program.release);
+        let above: Vec<String> = {
+            let parts: Vec<&str> = folder.split('/').collect();
+            (1..=parts.len()).map(|count| parts[..count].join("/")).filter(|path| !path.is_empty()).collect()
+        };
+        // A folder may exist: a `-` before a command lets it fail.
+        let made: String = above.iter().map(|path| format!("-mkdir \"{path}\"\n")).collect();
+        let local = program.path.display();
+        let commands = format!(
+            "{made}put \"{local}\" \"{folder}/draft.exe\"\nrename \"{folder}/draft.exe\" \"{folder}/skein.exe\"\n"
+        );
+        self.ssh.transfer(host, &commands, within)?;
+        match self.probe_windows(host, node, &program.release)?.sum {
+            Some(sum) if sum == program.sum => Ok(()),
+            Some(_) => Err(format!("{host}: the program was damaged during the copy")),
+            None => Err(format!("{host}: the program does not run in {folder}; a program for security may forbid it")),
+        }
+    }
+
+    /// The command that passes a request to the program that the node runs next.
+    pub(crate) fn installed(&self, node: &Node) -> String {
+        match node.system {
+            System::Unix => self.script(node, NODE, &[&node.id.dashed()]),
+            System::Windows => format!("{}\\{LAUNCHER} node", self.folder(node).replace('/', "\\")),
+        }
+    }
+
+    /// The command that passes a request to the program of a release.
+    fn released(&self, node: &Node, release: &str) -> String {
+        let folder = format!("{}/releases/{release}", self.folder(node));
+        match node.system {
+            System::Unix => format!("{} node", quote(&format!("{folder}/skein"))),
+            System::Windows => format!("{}\\skein.exe node", folder.replace('/', "\\")),
+        }
     }
 
     fn folder(&self, node: &Node) -> String {
@@ -225,7 +281,7 @@ impl Remote<'_> {
         format!("sh -c {}", parts.map(quote).collect::<Vec<_>>().join(" "))
     }
 
-    fn request(&self, node: &Node, ask: Ask) -> Arc<[u8]> {
+    pub(crate) fn request(&self, node: &Node, ask: Ask) -> Arc<[u8]> {
         let request = Request { swarm: self.swarm.clone(), id: node.id, ask };
         // A request has only texts, numbers and maps with text keys, so JSON never fails; the host would refuse `null`.
         let line = serde_json::to_string(&request).unwrap_or_else(|_| "null".to_owned()) + "\n";

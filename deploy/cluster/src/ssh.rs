@@ -29,7 +29,7 @@ use skein_host::parallel::in_parallel;
 use marks::Marks;
 
 use crate::endpoints;
-use crate::inventory::Node;
+use crate::inventory::{Node, System};
 use crate::os;
 use skein_host::clock;
 
@@ -55,6 +55,9 @@ const LAST_ANSWER: Duration = Duration::from_secs(5);
 /// Length limit of the socket's path: 107 bytes, of which ssh needs 40 for a hash and 17 while it creates the socket.
 const LONGEST_SOCKET: usize = 107 - 40 - 17;
 
+/// Output in the place of that of a program of Skein which is not installed.
+pub(super) const NOT_INSTALLED: &str = "skein: not installed";
+
 /// A host to log in to.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Host {
@@ -62,6 +65,8 @@ pub struct Host {
     pub name: String,
     /// User; `None`: according to ssh's own configuration.
     pub user: Option<String>,
+    /// Its system.
+    pub system: System,
 }
 
 impl fmt::Display for Host {
@@ -145,7 +150,17 @@ impl Ssh {
         let divided = marks.divide(&stdout);
         let ended = divided.as_ref().and_then(|divided| divided.end);
         let status = self.status(host, ended.map(|(_, status)| status), status, &stderr)?;
-        let Some(divided) = divided else { return Err(not_begun(host, status, &stdout, &stderr)) };
+        let Some(divided) = divided else {
+            return match host.system {
+                System::Unix => Err(not_begun(host, status, &stdout, &stderr)),
+                System::Windows => Ok(CommandOutput {
+                    status,
+                    stdout: NOT_INSTALLED.to_owned(),
+                    stderr,
+                    of_shell: printable(stdout.trim(), MAX_SENTENCE),
+                }),
+            };
+        };
         let around = joined([divided.before.trim(), ended.map_or("", |(after, _)| after)]);
         let (stdout, stderr) = (divided.own.to_owned(), marks.error(&stderr).to_owned());
         Ok(CommandOutput { status, stdout, stderr, of_shell: printable(&around, MAX_SENTENCE) })
@@ -186,12 +201,50 @@ impl Ssh {
         let status = child.wait().map_err(|error| format!("{host}: {error}"))?;
         let stderr = stderr.text(LAST_ERROR_OUTPUT);
         match self.status(host, ended, status, &stderr)? {
+            _ if !is_begun && host.system == System::Windows => {
+                line(NOT_INSTALLED);
+                Ok(())
+            }
             status if !is_begun => Err(not_begun(host, status, "", &stderr)),
             0 => Ok(()),
             status => {
                 let why = reason::last_line(marks.error(&stderr));
                 Err(format!("{host}: {}", why.unwrap_or_else(|| format!("exit status {status}"))))
             }
+        }
+    }
+
+    /// Copies files to a Windows host, whose shells have no syntax in common, by the commands of `sftp`, one a line.
+    ///
+    /// # Errors
+    /// If the host cannot be reached, a command fails or they take too long: one sentence.
+    pub fn transfer(&self, host: &Host, commands: &str, within: Duration) -> Result<(), String> {
+        let mut sftp = Command::new("sftp");
+        let ssh = self.program.first().map_or(OsStr::new("ssh"), OsString::as_os_str);
+        sftp.arg("-S").arg(ssh).args(["-q", "-b", "-", "-o", &format!("ConnectTimeout={CONNECT_S}")]);
+        if let Some(path) = &self.sharing {
+            sftp.args(["-o", "ControlMaster=auto", "-o", "ControlPersist=60", "-o", &format!("ControlPath={path}")]);
+        }
+        if let Some(user) = &host.user {
+            sftp.args(["-o", &format!("User={user}")]);
+        }
+        sftp.args(["--", &host.name]).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        if self.verbose {
+            eprintln!("{}", shown(&sftp));
+        }
+        let mut child = sftp.spawn().map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => "`sftp` was not found on this PC; install OpenSSH's client".to_owned(),
+            _ => format!("sftp: {error}"),
+        })?;
+        if let Some(mut pipe) = child.stdin.take() {
+            let commands = commands.to_owned();
+            thread::spawn(move || pipe.write_all(commands.as_bytes()));
+        }
+        let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
+        match wait(&mut child, within).map_err(|error| format!("{host}: {error}"))? {
+            Some(status) if status.success() => Ok(()),
+            Some(_) => Err(reason::sentence(host, &stderr.text(LAST_ERROR_OUTPUT), || self.keys(host))),
+            None => Err(format!("{host}: copying took longer than {:.0} s", within.as_secs_f64())),
         }
     }
 
@@ -247,7 +300,7 @@ impl Ssh {
     pub fn spawn(&self, host: &Host, command: &str) -> Result<(Child, Marks), String> {
         let marks = Marks::draw()?;
         let mut ssh = self.options(host);
-        ssh.args(["--", &host.name, &marks.around(command)]);
+        ssh.args(["--", &host.name, &marks.around(host.system, command)]);
         if self.verbose {
             eprintln!("{}", shown(&ssh));
         }
@@ -360,7 +413,7 @@ pub fn by_host<'a>(nodes: impl IntoIterator<Item = &'a Node>) -> Vec<(Host, Vec<
     let mut hosts = BTreeMap::<Host, Vec<&Node>>::new();
     for node in nodes {
         if let Some(name) = node.host.clone() {
-            hosts.entry(Host { name, user: node.user.clone() }).or_default().push(node);
+            hosts.entry(Host { name, user: node.user.clone(), system: node.system }).or_default().push(node);
         }
     }
     let mut hosts: Vec<_> = hosts.into_iter().collect();

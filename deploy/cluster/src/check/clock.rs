@@ -1,12 +1,15 @@
 //! Compares a host's clock with this PC's, over one ssh channel: the host is asked for its time and answers at once.
 
 use std::io::{BufRead, BufReader, Write};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::Duration;
 
 use skein_common::message::ClockOffset;
 
+use crate::inventory::{Node, System};
+use crate::protocol::Ask;
+use crate::remote::Remote;
 use crate::ssh::{Host, Ssh};
 use skein_host::clock::{self, Utc};
 
@@ -31,15 +34,34 @@ pub(super) fn to_text(ClockOffset { offset_s, bound_s }: ClockOffset) -> String 
     }
 }
 
+/// The dialogue that asks a host for its time: the command, and what it reads before the first question.
+pub(super) struct Dialogue {
+    command: String,
+    first: Arc<[u8]>,
+}
+
+impl Dialogue {
+    /// That with the node's host; on Windows its program has to be installed.
+    pub(super) fn with(remote: &Remote<'_>, node: &Node) -> Self {
+        match node.system {
+            System::Unix => Self { command: ANSWERS.to_owned(), first: Arc::default() },
+            System::Windows => Self { command: remote.installed(node), first: remote.request(node, Ask::Clock) },
+        }
+    }
+}
+
 /// Measures how far a host's clock is ahead of this PC's. The bound of the error is half of the round trip, because it is unknown
 /// when within it the clock was read.
-pub(super) fn measure(ssh: &Ssh, host: &Host) -> Result<ClockOffset, String> {
-    let (mut child, marks) = ssh.spawn(host, ANSWERS)?;
+pub(super) fn measure(ssh: &Ssh, host: &Host, dialogue: &Dialogue) -> Result<ClockOffset, String> {
+    let (mut child, marks) = ssh.spawn(host, &dialogue.command)?;
+    let first = dialogue.first.clone();
     let pipes = child.stdin.take().zip(child.stdout.take());
     let (sender, received) = mpsc::channel();
     if let Some((mut ask, answer)) = pipes {
         thread::spawn(move || {
             let utc = Utc::read();
+            // If this fails, so does the first question.
+            let _ = ask.write_all(&first);
             let mut answers = BufReader::new(answer);
             let mut answers = marks.skip(&mut answers).then(|| answers.lines()).into_iter().flatten();
             let exchanges = (0..EXCHANGES).map_while(|_| {

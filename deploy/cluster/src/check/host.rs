@@ -14,7 +14,7 @@ use super::ports::{AgentState, Calls};
 use super::{LOGIN, Line};
 use crate::clocks::CLOCK_S;
 use crate::install::{ROOM, owner};
-use crate::inventory::{Inventory, Node};
+use crate::inventory::{Inventory, Node, System};
 use crate::pack::pack;
 use crate::program::Program;
 use crate::protocol::{Answer, Ask, Facts, Installed};
@@ -73,7 +73,7 @@ impl HostChecks<'_> {
                 format!("the shell of this account prints \"{printed}\" around every answer, which is passed over");
             asked.lines.push(Line::new(place.as_str(), "shell", found));
         }
-        asked.lines.push(self.clock(host));
+        asked.lines.extend(nodes.first().map(|node| self.clock(host, node)));
         for node in nodes {
             self.node(host, node, &mut asked);
         }
@@ -91,15 +91,20 @@ impl HostChecks<'_> {
         Remote { ssh: self.ssh, swarm: &self.inventory.swarm }
     }
 
-    fn clock(&self, host: &Host) -> Line {
+    fn clock(&self, host: &Host, node: &Node) -> Line {
         let line = |found: String| Line::new(host.to_string(), "clock", found);
-        match clock::measure(self.ssh, host) {
+        match clock::measure(self.ssh, host, &clock::Dialogue::with(&self.remote(), node)) {
             Err(why) => line(why.strip_prefix(&format!("{host}: ")).unwrap_or(&why).to_owned()).unknown(),
             Ok(offset) => {
                 let found = clock::to_text(offset);
                 match offset.offset_s.abs() - offset.bound_s > CLOCK_S {
                     true => line(format!("{found} from this PC's; no flight depends on it, times in logs do")).warning(
-                        format!("`ssh {host} sudo timedatectl set-ntp true`; or chrony, on a network without internet"),
+                        match node.system {
+                            System::Unix => format!(
+                                "`ssh {host} sudo timedatectl set-ntp true`; or chrony, on a network without internet"
+                            ),
+                            System::Windows => format!("`ssh {host} w32tm /resync`, as its administrator"),
+                        },
                     ),
                     false => line(found),
                 }

@@ -47,9 +47,15 @@ pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
 }
 
 /// Creates a link that is not used yet.
-pub(super) fn symlink(to: &Path, link: &Path) -> io::Result<()> {
+pub(super) fn new_link(to: &Path, link: &Path) -> io::Result<()> {
     step()?;
-    os::symlink(to, link)
+    os::link(to, link)
+}
+
+/// The path that a link leads to.
+pub(super) fn target(link: &Path) -> io::Result<PathBuf> {
+    let to = os::read_link(link)?;
+    Ok(link.parent().unwrap_or(Path::new("")).join(to))
 }
 
 /// Writes a file durably; readers see the old or the new one.
@@ -73,13 +79,13 @@ pub(super) fn write_through(path: &Path, content: &[u8], mode: u32) -> io::Resul
 
 /// Makes the directory entry of a path durable.
 pub(super) fn sync(path: &Path) -> io::Result<()> {
-    path.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())
+    path.parent().map_or(Ok(()), os::sync_folder)
 }
 
 /// Points a link to another target; readers see the old or the new one.
 pub(super) fn link(link: &Path, to: &Path) -> Result<(), String> {
     let draft = draft(link);
-    let done = remove(&draft).and_then(|()| symlink(to, &draft)).and_then(|()| rename(&draft, link));
+    let done = remove(&draft).and_then(|()| new_link(to, &draft)).and_then(|()| rename(&draft, link));
     done.and_then(|()| sync(link)).map_err(at(link))
 }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::files::{self, at};
 use super::node::{self, ACTIVE, CURRENT, INSTALLS, NodeFolder, PREVIOUS, SETTINGS, Settings, install_name, linked};
-use super::place::{PROGRAM, SwarmFolder};
+use super::place::{LAUNCHER, PROGRAM, SwarmFolder};
 use crate::bundle::{Bundle, BundleFile};
 use crate::os;
 use crate::protocol::Installed;
@@ -38,6 +38,10 @@ pub(super) fn apply(
         files::link(&node.file(CURRENT), &link_to(&installed))?;
         changed = true;
     }
+    if cfg!(windows) {
+        let text = format!("@\"%~dp0releases\\{}\\{PROGRAM}\" %*\r\n", place.release);
+        files::write(&place.folder.join(LAUNCHER), text.as_bytes(), false)?;
+    }
     prune(place, node)?;
     Ok(changed)
 }
@@ -66,7 +70,7 @@ pub(super) fn remove(place: &SwarmFolder, node: &NodeFolder) -> Result<bool, Str
         prune_releases(place, None)?;
         return Ok(was_there);
     }
-    for path in [place.lock_path(), place.releases()] {
+    for path in [place.lock_path(), place.releases(), place.folder.join(LAUNCHER)] {
         files::remove(&path).map_err(at(&path))?;
     }
     // Files of others stay, and so do the folders that contain them.
@@ -113,7 +117,7 @@ fn write_install(node: &NodeFolder, installed: &Installed, bundle: &Bundle) -> R
         files::write_through(&path, &file.content, mode(file)).map_err(at(&path))?;
     }
     let program = Path::new("../../../releases").join(&installed.release).join(PROGRAM);
-    files::symlink(&program, &draft.join(PROGRAM)).map_err(at(&draft))?;
+    files::new_link(&program, &draft.join(PROGRAM)).map_err(at(&draft))?;
     folders.iter().try_for_each(|folder| files::sync(&folder.join(PROGRAM))).map_err(at(&draft))?;
     // The name identifies the contents, so an existing folder that is not complete is damaged.
     let damaged = files::draft(&draft);
@@ -137,7 +141,7 @@ fn mode(file: &BundleFile) -> u32 {
 fn is_whole(path: &Path, bundle: &Bundle) -> bool {
     let is_there = |(name, file): (&String, &BundleFile)| {
         let path = path.join(name);
-        fs::read(&path).is_ok_and(|content| content == file.content) && os::mode(&path).is_ok_and(|m| m == mode(file))
+        fs::read(&path).is_ok_and(|content| content == file.content) && os::has_mode(&path, mode(file))
     };
     path.join(PROGRAM).is_file() && bundle.files.iter().all(is_there)
 }

@@ -257,8 +257,8 @@ pub(super) fn installed(folder: &Path) -> Option<Installed> {
 
 /// Returns the install that a link points to, if it exists.
 pub(super) fn linked(link: &Path) -> Option<Installed> {
-    let to = fs::read_link(link).ok()?;
-    link.is_dir().then(|| installed(&to)).flatten()
+    let to = files::target(link).ok()?;
+    to.is_dir().then(|| installed(&to)).flatten()
 }
 
 /// Reads a JSON file; `None` if it does not exist or is incomplete.

@@ -24,8 +24,13 @@ use super::node::{LOCK_TIMEOUT, NodeFolder};
 use super::systemd::Systemd;
 use crate::protocol::Service;
 
-/// Name of the program file in a release and in an install.
-pub(super) const PROGRAM: &str = "skein";
+/// Name of the program file in a release, and of the link to it in an install.
+pub(super) const PROGRAM: &str = if cfg!(windows) { "skein.exe" } else { "skein" };
+
+/// Name of the file in the swarm's folder that passes its arguments to the program of the newest install, on Windows: elsewhere a
+/// script of the operator's PC finds it.
+pub(crate) const LAUNCHER: &str = "skein.cmd";
+
 /// One swarm's folder on this host, and the release of the program that answers.
 #[derive(Clone, Debug)]
 pub(super) struct SwarmFolder {

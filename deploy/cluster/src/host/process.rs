@@ -11,14 +11,18 @@ use crate::os;
 pub(super) struct Process {
     /// Process id.
     pub(super) pid: u32,
-    /// Start time in the kernel's clock ticks; `None` where the system does not report it.
+    /// Start time in a unit of the system, on Linux the kernel's clock ticks; `None` where the system does not report it.
     began: Option<u64>,
 }
 
 impl Process {
     /// This process. It stays the same when it becomes another program.
     pub(super) fn own() -> Self {
-        let pid = std::process::id();
+        Self::of(std::process::id())
+    }
+
+    /// The process that has this id now.
+    pub(super) fn of(pid: u32) -> Self {
         Self { pid, began: stat(pid).map(|(_, began)| began) }
     }
 
@@ -36,9 +40,12 @@ impl Process {
     }
 }
 
-/// Reads a process's state and start time from Linux's `/proc`.
+/// The state of a process as Linux's `/proc` has it, and its start time; elsewhere every process runs.
 fn stat(pid: u32) -> Option<(char, u64)> {
-    parse(&fs::read_to_string(format!("/proc/{pid}/stat")).ok()?)
+    match fs::read_to_string(format!("/proc/{pid}/stat")) {
+        Ok(text) => parse(&text),
+        Err(_) => Some(('R', os::began(pid)?)),
+    }
 }
 
 /// Parses a line of `/proc/PID/stat`. The second field is the program's name in parentheses, which may contain any

@@ -24,7 +24,7 @@ use super::systemd::Systemd;
 use crate::inventory::ServiceKind;
 use crate::os;
 use crate::protocol::Service;
-use skein_host::clock;
+use skein_host::{clock, process};
 
 /// Environment variable with the path of the file that an agent writes when it has ended successfully.
 const MARK: &str = "SKEIN_ENDED";
@@ -165,10 +165,15 @@ fn is_busy(node: &NodeFolder) -> bool {
 
 /// Starts a supervisor that outlives this process and its session.
 fn supervise(node: &NodeFolder) -> Result<(), String> {
-    let program = node.file(ACTIVE).join(PROGRAM);
+    let active = files::target(&node.file(ACTIVE)).map_err(at(&node.file(ACTIVE)))?;
+    let program = match os::CAN_BECOME {
+        true => node.file(ACTIVE).join(PROGRAM),
+        false => files::target(&active.join(PROGRAM)).map_err(at(&active))?,
+    };
     let mut command = Command::new(&program);
     command.args(["node", "--supervise"]).arg(node.id.to_string()).current_dir("/");
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    process::outlives_session(&mut command);
     let mut supervisor = command.spawn().map_err(at(&program))?;
     let is_there =
         wait(PROCESS_TIMEOUT, || node.supervisor().is_some() || matches!(supervisor.try_wait(), Ok(Some(_)) | Err(_)));
@@ -182,29 +187,38 @@ fn supervise(node: &NodeFolder) -> Result<(), String> {
 /// Replaces this process with the node's agent, under the same process id, so that the parent process is the agent's
 /// parent.
 pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
-    let (Some(started), Some(settings)) = (node.started(), node.settings()) else {
-        return Err(format!("node {} was not started by a request", node.id));
-    };
     if node.file(ENDED).exists() {
         // Its host has started again.
         eprintln!("vehicle {} has landed and its agent has ended: `skein cluster up` starts it again", node.id);
         return Ok(());
     }
-    let restarts = node.last_agent().map(|last| last.restarts + 1);
+    let mut command = agent(node)?;
+    note(node, Process::own())?;
+    if node.settings().is_some_and(|settings| settings.service == Service::Own)
+        && os::is_root()
+        && let Err(error) = privileges::give_up()
+    {
+        eprintln!("the agent keeps root's capabilities: {error}; to avoid it, let another user install the node");
+    }
+    let error = os::become_program(&mut command);
+    Err(format!("{}: {error}", command.get_program().display()))
+}
+
+/// The command of the node's agent, in the run that was started last.
+pub(super) fn agent(node: &NodeFolder) -> Result<Command, String> {
+    let (Some(started), Some(settings)) = (node.started(), node.settings()) else {
+        return Err(format!("node {} was not started by a request", node.id));
+    };
     // Remove the folders of sockets that an earlier agent has left, as its links name them.
     let is_of_sockets = |path: &PathBuf| files::name(path).is_some_and(|name| name.starts_with("skein-"));
     for path in files::entries(&node.file(RUN)).into_iter().filter(is_of_sockets) {
         files::remove(&path).map_err(at(&path))?;
     }
-    let agent = AgentProcess { process: Process::own(), restarts: restarts.unwrap_or(0) };
-    if let Some(error) = note_agent(|| node.write(AGENT, &agent), || node.overwrite_agent(&agent))? {
-        eprintln!("{error}; the agent starts, and its process is noted over that of the agent before");
-    }
     let program = std::env::current_exe().map_err(|error| error.to_string())?;
     let mut command = Command::new(&program);
     command.args(["agent", "--config"]).arg(node.install(&started.installed).join("agent.toml"));
     command.arg("--run").arg(started.run.to_string()).arg("--inputs").arg(node.file(RUN));
-    if restarts.is_some() {
+    if node.last_agent().is_some() {
         // The scenario's events continue from this time.
         command.arg("--flown-s").arg(format!("{:.3}", started.flown_s(&Moment::now())));
     }
@@ -216,13 +230,17 @@ pub(super) fn become_agent(node: &NodeFolder) -> Result<(), String> {
     if let Some(log) = &settings.log {
         command.env("RUST_LOG", log);
     }
-    if settings.service == Service::Own
-        && os::is_root()
-        && let Err(error) = privileges::give_up()
-    {
-        eprintln!("the agent keeps root's capabilities: {error}; to avoid it, let another user install the node");
+    Ok(command)
+}
+
+/// Notes the process of the node's agent, which was restarted if there was one before it in this run.
+pub(super) fn note(node: &NodeFolder, process: Process) -> Result<(), String> {
+    let restarts = node.last_agent().map_or(0, |last| last.restarts + 1);
+    let agent = AgentProcess { process, restarts };
+    if let Some(error) = note_agent(|| node.write(AGENT, &agent), || node.overwrite_agent(&agent))? {
+        eprintln!("{error}; the agent starts, and its process is noted over that of the agent before");
     }
-    Err(at(&program)(os::become_program(&mut command)))
+    Ok(())
 }
 
 /// Runs `skein agent`: flies one vehicle. An agent that has ended successfully writes a mark file, if asked to: a supervisor that

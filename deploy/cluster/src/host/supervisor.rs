@@ -15,6 +15,7 @@ use super::logs::{self, Log};
 use super::node::{ACTIVE, ENDED, LOG, NOTIFY, NodeFolder, SUPERVISOR};
 use super::place::PROGRAM;
 use super::process::Process;
+use super::service;
 use super::supervision::{AgentEnd, POLL_PERIOD, Supervised, Supervision};
 use crate::os::{self, Interrupts, Notifications};
 use skein_host::clock;
@@ -134,11 +135,21 @@ impl Supervised for NodeAgent<'_> {
 impl NodeAgent<'_> {
     fn spawn(&self) -> io::Result<Agent> {
         let (output, input) = io::pipe()?;
-        let mut command = Command::new(self.node.file(ACTIVE).join(PROGRAM));
-        command.args(["node", "--fly"]).arg(self.node.id.to_string()).stdin(Stdio::null());
+        let mut command = match os::CAN_BECOME {
+            true => Command::new(self.node.file(ACTIVE).join(PROGRAM)),
+            false => service::agent(self.node).map_err(io::Error::other)?,
+        };
+        if os::CAN_BECOME {
+            command.args(["node", "--fly"]).arg(self.node.id.to_string());
+        }
         // What systemd does for its services.
-        command.env("NOTIFY_SOCKET", self.node.file(NOTIFY));
-        let child = command.stdout(input.try_clone()?).stderr(input).spawn()?;
+        if let Some(reports) = &self.reports {
+            command.env("NOTIFY_SOCKET", reports.address(&self.node.file(NOTIFY))?);
+        }
+        let child = command.stdin(Stdio::null()).stdout(input.try_clone()?).stderr(input).spawn()?;
+        if !os::CAN_BECOME {
+            service::note(self.node, Process::of(child.id())).map_err(io::Error::other)?;
+        }
         // The command holds the other end of the pipe.
         drop(command);
         let (log, (done, is_done)) = (self.log.clone(), mpsc::channel());

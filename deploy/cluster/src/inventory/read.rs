@@ -12,7 +12,7 @@ use skein_common::scenario::{
 };
 use tracing_subscriber::EnvFilter;
 
-use super::{Install, Inventory, Node, SecurityKind, ServiceKind};
+use super::{Install, Inventory, Node, SecurityKind, ServiceKind, System};
 use crate::ports::HostPort;
 use skein_lab::error::Error;
 use skein_lab::scenario::ScenarioArgs;
@@ -47,6 +47,7 @@ const KEYS: &[Key] = keys! {
     [
         "host", Kind::Text, "what `ssh` takes";
         "user", Kind::Text, "user who logs in there; default: according to ssh's own configuration";
+        "system", Kind::OneOf(&["unix", "windows"]), "the system of its host: windows if the login shell is cmd.exe or PowerShell";
         "address", Kind::Text, "where peers reach it: an IP address or a name; default: the host, if that is an IP address";
         "plant", Kind::OneOf(PlantKind::NAMES), "the plant that it flies; default: that of the scenario";
         "xplane", Kind::Text, "HOST[:PORT] of its simulator as seen from its host";
@@ -230,6 +231,10 @@ impl Reader<'_> {
             id: self.id,
             host,
             user,
+            system: match self.value("system").as_deref() {
+                Some("windows") => System::Windows,
+                _ => System::Unix,
+            },
             address,
             port,
             plant,

@@ -4,6 +4,7 @@
 use std::io::BufRead;
 
 use super::quote;
+use crate::inventory::System;
 use crate::os;
 
 /// Script that runs the command `$1` between the marks of `$0`, on both outputs. It is one argument for any login shell:
@@ -43,9 +44,13 @@ impl Marks {
         Self { begin: format!("{name}-begin\n"), end: format!("{name}-end"), name: name.to_owned() }
     }
 
-    /// The command for the login shell that runs this command between the marks.
-    pub(super) fn around(&self, command: &str) -> String {
-        format!("sh -c {} {} {}", quote(SCRIPT), self.name, quote(command))
+    /// The command for the login shell that runs this command between the marks. On Windows it is one of Skein's own, which prints
+    /// the marks itself: cmd.exe and PowerShell have no syntax in common.
+    pub(super) fn around(&self, system: System, command: &str) -> String {
+        match system {
+            System::Unix => format!("sh -c {} {} {}", quote(SCRIPT), self.name, quote(command)),
+            System::Windows => format!("{command} --marks {}", self.name),
+        }
     }
 
     /// Divides the standard output; `None` if the command did not begin.
@@ -104,6 +109,6 @@ mod tests {
     fn every_call_has_marks_of_its_own() {
         let (one, other) = (Marks::draw().unwrap(), Marks::draw().unwrap());
         assert_ne!(one.name, other.name);
-        assert!(!one.around("true").contains(&one.end), "a traced command holds no mark");
+        assert!(!one.around(System::Unix, "true").contains(&one.end), "a traced command holds no mark");
     }
 }

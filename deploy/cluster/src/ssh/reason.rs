@@ -65,10 +65,11 @@ fn in_home(file: &str) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inventory::System;
 
     #[test]
     fn every_failure_of_ssh_has_its_remedy() {
-        let host = Host { name: "heli1".to_owned(), user: Some("lab".to_owned()) };
+        let host = Host { name: "heli1".to_owned(), user: Some("lab".to_owned()), system: System::Unix };
         for (stderr, expected) in [
             (
                 "@@@@\n@ WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED! @\nHost key verification failed.\r\n",

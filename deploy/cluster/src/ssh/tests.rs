@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use skein_common::scenario::PlantKind;
 
 use super::*;
-use crate::inventory::{Install, ServiceKind};
+use crate::inventory::{Install, ServiceKind, System};
 
 /// Makes a program of a shell script. Another process writes the file: programs that other tests start have copies of the files that
 /// this process has open, for a moment, and a program that is open for writing does not start.
@@ -49,6 +49,7 @@ pub(crate) fn node(id: u8, host: Option<&str>) -> Node {
         id: skein_common::id::VehicleId::new(id).unwrap().into(),
         host: host.map(str::to_owned),
         user: None,
+        system: System::Unix,
         address: format!("10.0.0.{id}"),
         port: 7446 + u16::from(id),
         plant: PlantKind::Builtin,
@@ -62,7 +63,7 @@ pub(crate) fn node(id: u8, host: Option<&str>) -> Node {
 }
 
 pub(crate) fn heli(name: &str) -> Host {
-    Host { name: name.to_owned(), user: None }
+    Host { name: name.to_owned(), user: None, system: System::Unix }
 }
 
 const LONG: Duration = Duration::from_secs(30);
@@ -79,7 +80,7 @@ fn the_command_line_overrides_only_the_session_in_the_users_configuration() {
     let error = ssh.run(&heli("heli1"), "uname -sm", &none(), LONG).unwrap_err();
     assert!(error.starts_with("heli1: the login shell of this account ended with status 0 without running"), "{error}");
     ssh.sharing = Some("/run/user/7/skein/s-%C".to_owned());
-    let host = Host { name: "heli2".to_owned(), user: Some("lab".to_owned()) };
+    let host = Host { name: "heli2".to_owned(), user: Some("lab".to_owned()), system: System::Unix };
     ssh.run(&host, "sh -c 'x y'", &none(), LONG).unwrap_err();
     ssh.close(&host);
     let arguments = fs::read_to_string(folder.path().join("arguments")).unwrap();

@@ -88,9 +88,9 @@ fn installing_again_changes_nothing() {
     assert_eq!(fs::read_to_string(node.file(CURRENT).join(PROGRAM)).unwrap(), "r1", "the program by its link");
     for (file, mode) in [("agent.toml", 0o644), ("node.key", 0o600), ("laws/mine/law.py", 0o755), ("laws/mine", 0o700)]
     {
-        assert_eq!(os::mode(&node.file(CURRENT).join(file)).unwrap(), mode, "{file}");
+        assert!(os::has_mode(&node.file(CURRENT).join(file), mode), "{file}");
     }
-    assert_eq!(os::mode(&node.path).unwrap(), 0o700);
+    assert!(os::has_mode(&node.path, 0o700));
     // A change of the log filter is a change, and keeps the earlier version.
     let logs = Settings { log: Some("debug".to_owned()), ..SETTINGS };
     assert_eq!(apply(&host.place("r1"), &node, &bundle("a"), &logs), Ok(true));

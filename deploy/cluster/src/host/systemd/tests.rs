@@ -130,8 +130,8 @@ fn installed(host: &Host) -> PathBuf {
     for folder in [&install, &node.file(RUN)] {
         fs::create_dir_all(folder).unwrap();
     }
-    os::symlink(Path::new("/bin/true"), &install.join("skein")).unwrap();
-    os::symlink(&Path::new("../installs").join(install.file_name().unwrap()), &node.file(ACTIVE)).unwrap();
+    os::link(Path::new("/bin/true"), &install.join("skein")).unwrap();
+    os::link(&Path::new("../installs").join(install.file_name().unwrap()), &node.file(ACTIVE)).unwrap();
     host.systemd.units.join(unit(&place.swarm, &node))
 }
 
