@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::io;
 use std::process::{Command, Stdio};
 
-use super::line;
+use super::{line, windows};
 use skein_cluster::findings::Line;
 
 /// The answer of a firewall's program.
@@ -18,8 +18,11 @@ enum FirewallAnswer {
     Text(String),
 }
 
-/// Asks the programs of the common firewalls.
+/// Asks the programs of the common firewalls, or Windows'.
 pub(super) fn look() -> Line {
+    if cfg!(windows) {
+        return windows::firewall(&env::current_exe().unwrap_or_default());
+    }
     let answers = [
         ("ufw", ask("ufw", &["status"])),
         ("firewalld", ask("firewall-cmd", &["--state"])),

@@ -3,13 +3,12 @@
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::thread;
 
 use skein_agent::unix;
 use skein_lab::out;
 
-use super::line;
+use super::{line, printed, remedy, windows};
 use skein_cluster::endpoints;
 use skein_cluster::findings::Line;
 use skein_cluster::os;
@@ -28,7 +27,8 @@ const LIMITS_FILE: &str = "/etc/security/limits.d/skein.conf";
 /// All lines.
 pub(super) fn lines() -> Vec<Line> {
     let version = format!("skein {}, revision {}", skein_lab::VERSION, skein_lab::REVISION);
-    let mut lines = vec![line("program", version), processor(os::cores(), os::load()), clock(&timedatectl())];
+    let mut lines = vec![line("program", version), processor(os::cores(), os::load())];
+    lines.extend(if cfg!(windows) { windows::lines() } else { vec![clock(&timedatectl())] });
     lines.extend(limits());
     lines.extend([open_files(os::most_open_files()), runs(&out::runs()), runtime_folder(), python()]);
     lines
@@ -51,12 +51,6 @@ fn timedatectl() -> Option<String> {
     printed("timedatectl", &["show", "--property=NTPSynchronized", "--value"])
 }
 
-/// Text that a program prints; `None` if it fails.
-fn printed(program: &str, arguments: &[&str]) -> Option<String> {
-    let output = Command::new(program).args(arguments).stderr(Stdio::null()).output().ok()?;
-    output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
-}
-
 fn clock(synchronised: &Option<String>) -> Line {
     match synchronised.as_deref() {
         Some("yes") => line("clock", "synchronised"),
@@ -66,10 +60,13 @@ fn clock(synchronised: &Option<String>) -> Line {
     }
 }
 
-/// Asks the system for priority and memory in the way of an agent.
-fn limits() -> [Line; 2] {
+/// Asks the system for priority and memory in the way of an agent. Windows locks no memory and asks for no permission.
+fn limits() -> Vec<Line> {
     // The priority of this thread alone is raised.
     let priority = thread::spawn(unix::raise_thread_priority).join().unwrap_or_default();
+    if cfg!(windows) {
+        return vec![line("priority", priority)];
+    }
     let memory = unix::lock_memory();
     let limit = |what, found: String, good: &str, rare: &str, entry: &str| match found.starts_with(good) {
         true => line(what, found),
@@ -77,7 +74,7 @@ fn limits() -> [Line; 2] {
             "steps may be late while {rare}; `* - {entry}` in {LIMITS_FILE} permits it from the next login on"
         )),
     };
-    [
+    vec![
         limit("priority", priority, "real-time", "other programs work", "rtprio 50"),
         limit("memory", memory, "memory locked", "memory is short", "memlock unlimited"),
     ]
@@ -99,7 +96,10 @@ fn open_files(most: io::Result<Option<u64>>) -> Line {
 /// Whether runs can be written.
 fn runs(folder: &Path) -> Line {
     let shown = folder.display();
-    let remedy = "name a folder that you can write to: `export SKEIN_RUNS=FOLDER`, or --out";
+    let remedy = remedy(
+        "name a folder that you can write to: `export SKEIN_RUNS=FOLDER`, or --out",
+        "name a folder that you can write to: `setx SKEIN_RUNS FOLDER` and a new window, or --out",
+    );
     let there = match existing(folder) {
         Ok(there) => there,
         Err(error) => return line("runs", format!("{shown}: {error}")).fault(remedy),
@@ -117,7 +117,10 @@ fn runs(folder: &Path) -> Line {
 
 fn space(folder: &str, free: u64) -> Line {
     let line = line("runs", format!("{folder}: {} MiB free", free >> 20));
-    let remedy = "make room, or name a folder on another disk: `export SKEIN_RUNS=FOLDER`";
+    let remedy = remedy(
+        "make room, or name a folder on another disk: `export SKEIN_RUNS=FOLDER`",
+        "make room, or name a folder on another disk: `setx SKEIN_RUNS FOLDER` and a new window",
+    );
     match free {
         0..NO_SPACE => line.fault(remedy),
         NO_SPACE..LITTLE_SPACE => line.warning(remedy),
@@ -158,9 +161,10 @@ fn runtime_folder() -> Line {
 }
 
 fn python() -> Line {
-    match printed("python3", &["--version"]) {
+    let program = remedy("python3", "python");
+    match printed(program, &["--version"]) {
         Some(version) => line("python", version),
-        None => line("python", "no python3 on the PATH; only laws in Python need it").unknown(),
+        None => line("python", format!("no {program} on the PATH; only laws in Python need it")).unknown(),
     }
 }
 

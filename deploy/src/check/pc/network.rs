@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use skein_agent::plant::xplane::discovery::FoundSimulator;
 
-use super::{firewall, line};
+use super::{firewall, installed, line, remedy};
 use crate::new::discover;
 use skein_cluster::findings::Line;
 use skein_cluster::host::probe;
@@ -27,8 +27,10 @@ pub(super) fn lines() -> Vec<Line> {
 /// Whether agents on this PC can listen and reach each other.
 fn loopback() -> Line {
     if let Err(error) = ports::tcp(AGENTS.into()) {
-        return line("loopback", format!("no free TCP ports: {error}"))
-            .fault("end programs that hold many ports: `ss -tanp` lists them");
+        return line("loopback", format!("no free TCP ports: {error}")).fault(remedy(
+            "end programs that hold many ports: `ss -tanp` lists them",
+            "end programs that hold many ports: `netstat -ano -p tcp` lists them",
+        ));
     }
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0));
     let reached = listener.and_then(|listener| {
@@ -44,8 +46,10 @@ fn loopback() -> Line {
 }
 
 fn unreachable(why: String) -> Line {
-    line("loopback", format!("a connection from this PC to itself fails: {why}"))
-        .fault("let TCP on the interface lo through the firewall: `sudo ufw allow in on lo`")
+    line("loopback", format!("a connection from this PC to itself fails: {why}")).fault(remedy(
+        "let TCP on the interface lo through the firewall: `sudo ufw allow in on lo`",
+        "let TCP on the loopback through: a program for security may filter it",
+    ))
 }
 
 /// The ports on which agents of a cluster, and those started by hand, listen.
@@ -58,9 +62,16 @@ fn cluster_ports(first: u16, count: u16) -> Line {
     let used: Vec<String> = (first..=last).filter(is_used).map(|port| port.to_string()).collect();
     match used.first() {
         None => line("ports", format!("{first} to {last}, for agents of a cluster, are free")),
-        Some(one) => line("ports", format!("in use: {}", used.join(", "))).warning(format!(
-            "`ss -ltnp sport = :{one}` shows by which program; an agent of a cluster needs port 7446 + its id, `skein fly` takes free ones"
-        )),
+        Some(one) => {
+            let shows = if cfg!(windows) {
+                format!("netstat -ano -p tcp | findstr :{one}")
+            } else {
+                format!("ss -ltnp sport = :{one}")
+            };
+            line("ports", format!("in use: {}", used.join(", "))).warning(format!(
+                "`{shows}` shows by which program; an agent of a cluster needs port 7446 + its id, `skein fly` takes free ones"
+            ))
+        }
     }
 }
 
@@ -69,8 +80,12 @@ pub(super) fn beacon(wait: Duration) -> Line {
     match discover::heard(wait) {
         Err(error) => line("X-Plane", error.to_string()).unknown(),
         Ok(found) if found.is_empty() => {
-            let found =
-                format!("none announces itself within {} s; the built-in helicopter needs none", wait.as_secs_f64());
+            let folders: Vec<String> = installed::folders().iter().map(|folder| folder.display().to_string()).collect();
+            let where_to = match folders.as_slice() {
+                [] => "the built-in helicopter needs none".to_owned(),
+                several => format!("it is installed in {}: start it", several.join(" and in ")),
+            };
+            let found = format!("none announces itself within {} s; {where_to}", wait.as_secs_f64());
             Line {
                 remedy: Some("if one runs: `skein xplane check --xplane HOST` asks it; its beacon is UDP multicast to 239.255.1.1:49707".to_owned()),
                 ..line("X-Plane", found).unknown()
