@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-/// No console window of its own, and none of this process (`CREATE_NO_WINDOW`).
+/// The child has no console (`CREATE_NO_WINDOW`).
 #[cfg(windows)]
 const NO_CONSOLE: u32 = 0x0800_0000;
 /// A process group of its own (`CREATE_NEW_PROCESS_GROUP`).

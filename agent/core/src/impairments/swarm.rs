@@ -307,7 +307,7 @@ impl SwarmNetwork {
     fn hold_back(&mut self, sent: &Sent<'_>, receivers: VehicleSet) -> VehicleSet {
         let SwarmSender { cut, closed, .. } = self.senders[nth(sent.from)];
         let stopped = receivers.both(cut);
-        // TCP retransmits a state while the session lasts; a heartbeat is kept for those who come later.
+        // TCP retransmits a state while the session lasts. The sender keeps its heartbeat for late joiners.
         let held = if sent.parcel.is_state() { stopped.without(closed) } else { stopped };
         if !held.is_empty() {
             Arc::make_mut(&mut self.inbox).hold(sent.parcel, held);

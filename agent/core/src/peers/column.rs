@@ -31,7 +31,7 @@ pub(super) struct Column<M> {
     /// The order of the newest message.
     newest: Option<MessageOrder>,
     free: Vec<SlotIndex>,
-    /// The newest message at each receiver that has none of the recent ones.
+    /// The newest message of each receiver without a recent one.
     behind: Vec<Option<SlotIndex>>,
     /// The message that each receiver's link holds back; empty if none ever did.
     held: Vec<Option<SlotIndex>>,
@@ -166,7 +166,7 @@ impl<M: Clone> Column<M> {
         }
     }
 
-    /// The receivers that have none of the recent messages.
+    /// The receivers without a recent message.
     fn all_behind(&self) -> VehicleSet {
         let all: VehicleSet = VehicleId::first(self.behind.len()).collect();
         self.at.iter().fold(all, |behind, at| behind.without(*at))
@@ -245,7 +245,7 @@ impl<M: Clone> Column<M> {
         receivers.runs().for_each(|run| self.held[run].fill(Some(slot)));
     }
 
-    /// The message that is held back from a receiver, which it is no longer.
+    /// Takes out the message that is held back from a receiver.
     pub(super) fn take_held(&mut self, receiver: VehicleId) -> Option<SlotIndex> {
         self.held.get_mut(index(receiver))?.take()
     }

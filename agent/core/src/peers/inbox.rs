@@ -373,13 +373,13 @@ impl SwarmInbox {
         }
     }
 
-    /// The state of a sender that is held back from a receiver, which it is no longer.
+    /// Takes out the state of a sender that is held back from a receiver.
     pub fn take_held_state(&mut self, sender: VehicleId, receiver: VehicleId) -> Option<Parcel> {
         let slot = self.senders[index(sender)].states.take_held(receiver)?;
         Some(Parcel { sender, kind: ParcelKind::State, slot })
     }
 
-    /// The heartbeat of a sender that is held back from a receiver, which it is no longer.
+    /// Takes out the heartbeat of a sender that is held back from a receiver.
     pub fn take_held_heartbeat(&mut self, sender: VehicleId, receiver: VehicleId) -> Option<Parcel> {
         let slot = self.senders[index(sender)].heartbeats.take_held(receiver)?;
         Some(Parcel { sender, kind: ParcelKind::Heartbeat, slot })
