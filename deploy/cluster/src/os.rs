@@ -400,7 +400,7 @@ mod imp {
     use std::process::{Child, Command, ExitStatus};
 
     use skein_agent::unix::pipe_to_end;
-    use sysinfo::{Disks, Pid, ProcessRefreshKind, ProcessesToUpdate, System};
+    use sysinfo::{Pid, ProcessRefreshKind, ProcessesToUpdate, System};
 
     /// Calls a function with a process of this PC; `None` if it does not exist.
     fn process<T>(pid: u32, what: impl FnOnce(&sysinfo::Process) -> T) -> Option<T> {
@@ -486,12 +486,7 @@ mod imp {
 
     pub fn free_bytes(path: &Path) -> io::Result<u64> {
         fs::metadata(path)?;
-        let path = std::path::absolute(path)?;
-        let disks = Disks::new_with_refreshed_list().map_err(io::Error::other)?;
-        // A disk may be mounted in a folder of another one.
-        let disk = disks.iter().filter(|disk| path.starts_with(disk.mount_point()));
-        let disk = disk.max_by_key(|disk| disk.mount_point().components().count());
-        disk.map(sysinfo::Disk::available_space).ok_or_else(|| io::ErrorKind::Unsupported.into())
+        fs4::available_space(path)
     }
 
     pub fn most_open_files() -> io::Result<Option<u64>> {

@@ -3,7 +3,7 @@
 use std::env;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf, Prefix};
 
 use crate::error::Error;
 use crate::terminal::of_writing;
@@ -26,6 +26,12 @@ pub fn folder(out: Option<&Path>, name: &str) -> Result<PathBuf, Error> {
     };
     let out = std::path::absolute(&out).map_err(|error| Error::Refused(format!("{}: {error}", out.display())))?;
     let refused = |why: &str| Err(Error::Refused(format!("--out {}: {why}", out.display())));
+    // The path that Windows makes of a name like CON or NUL.
+    let device =
+        |part: Component<'_>| matches!(part, Component::Prefix(prefix) if matches!(prefix.kind(), Prefix::DeviceNS(_)));
+    if out.components().any(device) {
+        return refused("Windows keeps this name for a device; choose another folder");
+    }
     let is_content = |entry: io::Result<fs::DirEntry>| entry.is_ok_and(|entry| entry.file_name() != CLAIM);
     match fs::read_dir(&out).map(|mut entries| entries.any(is_content)) {
         Ok(true) => refused("the folder already contains files; choose another folder"),
