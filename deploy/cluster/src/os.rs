@@ -9,9 +9,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 pub use imp::{
-    CAN_BECOME, Notifications, become_program, began, check_own_folder, cpu_s, end, free_bytes, freeze, has_mode,
-    is_file_at, is_private, is_root, is_running, leave_session, link, make_private, most_open_files, open_own,
-    private_folder, read_link, report_file_size_limit, set_mode, sync_folder, uptime_s, user_name,
+    CAN_BECOME, DELETES_OPEN_FILES, Notifications, become_program, began, check_own_folder, cpu_s, end, free_bytes,
+    freeze, has_mode, is_file_at, is_private, is_root, is_running, leave_session, link, make_private, most_open_files,
+    open_own, private_folder, read_link, report_file_size_limit, set_mode, sync_folder, uptime_s, user_name,
 };
 use skein_agent::unix::Signals;
 use skein_lab::error::Error;
@@ -279,6 +279,9 @@ mod imp {
     /// Whether a process can become another program under the same id.
     pub const CAN_BECOME: bool = true;
 
+    /// Whether a file can be deleted while a process has it open or runs it.
+    pub const DELETES_OPEN_FILES: bool = true;
+
     /// The time at which a process began, in a unit of the system; `None` where it does not say.
     pub fn began(_pid: u32) -> Option<u64> {
         None
@@ -475,6 +478,8 @@ mod imp {
     }
 
     pub const CAN_BECOME: bool = false;
+
+    pub const DELETES_OPEN_FILES: bool = false;
 
     pub fn began(pid: u32) -> Option<u64> {
         process(pid, sysinfo::Process::start_time)

@@ -9,7 +9,7 @@ use serde_json::Value;
 use skein_common::id::SwarmName;
 use skein_common::printable::printable;
 
-use super::host::{LAUNCHER, START_WITHIN};
+use super::host::{LAUNCHER, LEFT, START_WITHIN};
 use super::program::{self, Glibc, Program};
 use super::protocol::{Answer, Ask, Change, Facts, Request};
 use super::ssh::{CommandOutput, Host, MAX_SENTENCE, NOT_INSTALLED, Ssh, quote};
@@ -252,6 +252,24 @@ impl Remote<'_> {
             Some(_) => Err(format!("{host}: the program was damaged during the copy")),
             None => Err(format!("{host}: the program does not run in {folder}; a program for security may forbid it")),
         }
+    }
+
+    /// Deletes what a removal had open on a Windows host, and the folders that are empty then. The files of another removal that still
+    /// runs stay until its own call of this.
+    ///
+    /// # Errors
+    /// If the host cannot be reached.
+    pub fn clear(&self, host: &Host, node: &Node) -> Result<(), String> {
+        if node.system != System::Windows {
+            return Ok(());
+        }
+        let folder = self.folder(node);
+        // A quoted `*` is that letter.
+        let commands = format!(
+            "-rm \"{folder}/{LEFT}/\"*\n-rmdir \"{folder}/{LEFT}\"\n-rmdir \"{folder}\"\n-rmdir \"{}\"\n",
+            node.folder
+        );
+        self.ssh.transfer(host, &commands, ANSWER)
     }
 
     /// The command that passes a request to the program that the node runs next.

@@ -58,6 +58,7 @@ pub fn run(args: &UninstallArgs) -> Result<(), Error> {
             Some(Err(why)) => Err(Fault::Failed(why.clone())),
             _ => remote.change(host, node, Ask::Remove { within_s }),
         };
+        let removed = removed.and_then(|change| remote.clear(host, node).map(|()| change).map_err(Fault::Failed));
         match removed {
             Ok(change) if change.forced || forced.contains(&node.id) => outcome.fail(format!("removed, but {FORCED}")),
             Ok(Change { changed: true, .. }) => outcome.done = "removed",

@@ -178,11 +178,15 @@ impl ScenarioArgs {
     }
 }
 
-/// Quotes an argument for a shell.
+/// Quotes an argument for a shell; on Windows for PowerShell, and where it can be for cmd.exe too.
 pub fn quoted(argument: &str) -> String {
-    let is_plain = |letter: char| letter.is_alphanumeric() || "-_=./:,+%@".contains(letter);
+    let is_plain =
+        |letter: char| letter.is_alphanumeric() || "-_=./:,+%@".contains(letter) || cfg!(windows) && letter == '\\';
     if !argument.is_empty() && argument.chars().all(is_plain) {
         return argument.to_owned();
+    }
+    if cfg!(windows) && !argument.contains(['"', '$', '`']) {
+        return format!("\"{argument}\"");
     }
     format!("'{}'", argument.replace('\'', r"'\''"))
 }

@@ -61,6 +61,7 @@ pub(super) fn rollback(node: &NodeFolder) -> Result<(), String> {
 pub(super) fn remove(place: &SwarmFolder, node: &NodeFolder) -> Result<bool, String> {
     let _shared = place.lock()?;
     let was_there = node.path.exists();
+    place.set_aside(&node.lock_path())?;
     // First remove the links that mark the node as installed.
     for path in [node.file(CURRENT), node.file(PREVIOUS), node.path.clone()] {
         files::remove(&path).map_err(at(&path))?;
@@ -70,6 +71,9 @@ pub(super) fn remove(place: &SwarmFolder, node: &NodeFolder) -> Result<bool, Str
         prune_releases(place, None)?;
         return Ok(was_there);
     }
+    let program = std::env::current_exe().ok().filter(|program| program.starts_with(place.releases()));
+    program.iter().try_for_each(|program| place.set_aside(program))?;
+    place.set_aside(&place.lock_path())?;
     for path in [place.lock_path(), place.releases(), place.folder.join(LAUNCHER)] {
         files::remove(&path).map_err(at(&path))?;
     }

@@ -124,7 +124,11 @@ impl NodeFolder {
     /// Takes the lock for changes of this node.
     pub(super) fn lock(&self) -> Result<Lock, String> {
         let busy = || format!("another request is changing node {}; try again", self.id);
-        Lock::take(&self.file(RUN).join("lock"), LOCK_TIMEOUT)?.ok_or_else(busy)
+        Lock::take(&self.lock_path(), LOCK_TIMEOUT)?.ok_or_else(busy)
+    }
+
+    pub(super) fn lock_path(&self) -> PathBuf {
+        self.file(RUN).join("lock")
     }
 
     pub(super) fn settings(&self) -> Option<Settings> {

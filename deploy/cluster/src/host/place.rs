@@ -12,6 +12,7 @@
 //!                                ended                       written by an agent that has ended successfully
 //!                                skein-*                     the agent's sockets, if its service has no folder for them
 //!                                lock, supervisor            locks of a request and of the supervisor
+//!                  left/                                     on Windows: what a removal has open, until it has ended
 //! ```
 
 use std::fs;
@@ -22,6 +23,7 @@ use skein_common::id::{SwarmName, VehicleName};
 use super::files::{self, Lock};
 use super::node::{LOCK_TIMEOUT, NodeFolder};
 use super::systemd::Systemd;
+use crate::os;
 use crate::protocol::Service;
 
 /// Name of the program file in a release, and of the link to it in an install.
@@ -30,6 +32,10 @@ pub(super) const PROGRAM: &str = if cfg!(windows) { "skein.exe" } else { "skein"
 /// Name of the file in the swarm's folder that passes its arguments to the program of the newest install, on Windows: elsewhere a
 /// script of the operator's PC finds it.
 pub(crate) const LAUNCHER: &str = "skein.cmd";
+
+/// Name of the folder in the swarm's folder with the files of a removed node that a process of its removal has open, on Windows. The
+/// operator's PC deletes them when that process has ended.
+pub(crate) const LEFT: &str = "left";
 
 /// One swarm's folder on this host, and the release of the program that answers.
 #[derive(Clone, Debug)]
@@ -90,6 +96,16 @@ impl SwarmFolder {
 
     pub(super) fn lock_path(&self) -> PathBuf {
         self.folder.join("lock")
+    }
+
+    /// Moves a file that this process has open out of a folder that is to go, where open files cannot be deleted.
+    pub(super) fn set_aside(&self, path: &Path) -> Result<(), String> {
+        if os::DELETES_OPEN_FILES || !path.exists() {
+            return Ok(());
+        }
+        let left = self.folder.join(LEFT);
+        let name = format!("{}-{}", std::process::id(), files::name(path).unwrap_or_default());
+        fs::create_dir_all(&left).and_then(|()| fs::rename(path, left.join(name))).map_err(files::at(path))
     }
 }
 
