@@ -101,7 +101,7 @@ pub fn is_external(scenario: &Scenario) -> bool {
 }
 
 /// The command with full paths in place of those relative to the scenario's `folder`: a program with a path, and
-/// arguments that name a file there.
+/// arguments that name a file there. On Windows `python3` is `python`.
 ///
 /// # Errors
 /// If this process has no working directory.
@@ -109,6 +109,10 @@ pub fn resolve(command: &[String], folder: &Path) -> io::Result<Vec<String>> {
     let resolved = command.iter().enumerate().map(|(nth, message)| {
         let path = folder.join(message);
         let is_program = nth == 0;
+        if cfg!(windows) && is_program && message == "python3" {
+            // Python's installer for Windows writes no `python3.exe`.
+            return Ok("python".to_owned());
+        }
         let names_a_file = if is_program { has_path(message) } else { path.is_file() };
         if !names_a_file || Path::new(message).is_absolute() {
             return Ok(message.clone());

@@ -47,6 +47,8 @@ pub(super) const MAX_SENTENCE: usize = 400;
 const MAX_LINE: usize = 4000;
 /// Interval at which a call is checked.
 const POLL_PERIOD: Duration = Duration::from_millis(5);
+/// Time for a program on Windows to end after its answer: until then it may hold locks.
+const AFTER_ANSWER: Duration = Duration::from_secs(1);
 /// Time to wait for the end of the error output after `ssh` has ended: it is there at once, but a connection that stays open may
 /// hold the pipe.
 const LAST_ERROR_OUTPUT: Duration = Duration::from_millis(200);
@@ -138,9 +140,11 @@ impl Ssh {
             // its input reports why or returns a status.
             thread::spawn(move || pipe.write_all(&bytes));
         }
-        let stdout = collect(child.stdout.take(), MAX_ANSWER);
+        let mut stdout = collect(child.stdout.take(), MAX_ANSWER);
         let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
-        let Some(status) = wait(&mut child, within).map_err(|error| format!("{host}: {error}"))? else {
+        // What the command has started on Windows inherits its pipes, and the server of ssh waits until they are closed.
+        let is_answered = || host.system == System::Windows && stdout.contains(marks.end());
+        let Some(status) = wait(&mut child, within, is_answered).map_err(|error| format!("{host}: {error}"))? else {
             return Err(format!(
                 "{host}: the command took longer than {:.0} s; check the host with `ssh {host}`",
                 within.as_secs_f64()
@@ -241,7 +245,7 @@ impl Ssh {
             thread::spawn(move || pipe.write_all(commands.as_bytes()));
         }
         let stderr = collect(child.stderr.take(), MAX_ERROR_OUTPUT);
-        match wait(&mut child, within).map_err(|error| format!("{host}: {error}"))? {
+        match wait(&mut child, within, || false).map_err(|error| format!("{host}: {error}"))? {
             Some(status) if status.success() => Ok(()),
             Some(_) => Err(reason::sentence(host, &stderr.text(LAST_ERROR_OUTPUT), || self.keys(host))),
             None => Err(format!("{host}: copying took longer than {:.0} s", within.as_secs_f64())),
@@ -365,14 +369,24 @@ pub fn quote(argument: &str) -> String {
 }
 
 /// Output of a child, read in a thread and received in pieces.
-struct Collected(Receiver<Vec<u8>>);
+struct Collected {
+    pieces: Receiver<Vec<u8>>,
+    received: Vec<u8>,
+}
 
 impl Collected {
+    /// Whether the output so far contains this text.
+    fn contains(&mut self, text: &str) -> bool {
+        self.received.extend(self.pieces.try_iter().flatten());
+        self.received.windows(text.len()).any(|part| part == text.as_bytes())
+    }
+
     /// Returns the output after the child has ended, once the pipe is closed; on a timeout what has arrived.
     fn text(self, within: Duration) -> String {
         let until = clock::now() + within;
-        let next = || self.0.recv_timeout(until.saturating_duration_since(clock::now())).ok();
-        String::from_utf8_lossy(&iter::from_fn(next).flatten().collect::<Vec<u8>>()).into_owned()
+        let next = || self.pieces.recv_timeout(until.saturating_duration_since(clock::now())).ok();
+        let all: Vec<u8> = self.received.into_iter().chain(iter::from_fn(next).flatten()).collect();
+        String::from_utf8_lossy(&all).into_owned()
     }
 }
 
@@ -389,20 +403,24 @@ fn collect(pipe: Option<impl Read + Send + 'static>, max: u64) -> Collected {
             }
         }
     });
-    Collected(received)
+    Collected { pieces: received, received: Vec::new() }
 }
 
-/// Waits for the child to end. After `within` it kills the child and returns `None`.
-fn wait(child: &mut Child, within: Duration) -> io::Result<Option<ExitStatus>> {
-    let until = clock::now() + within;
+/// Waits for the child to end. After `within` it kills the child and returns `None`; one that is answered and does not end is killed
+/// as well.
+fn wait(child: &mut Child, within: Duration, mut is_answered: impl FnMut() -> bool) -> io::Result<Option<ExitStatus>> {
+    let (mut until, mut answered) = (clock::now() + within, false);
     loop {
         if let Some(status) = child.try_wait()? {
             return Ok(Some(status));
         }
+        if !answered && is_answered() {
+            (until, answered) = (until.min(clock::now() + AFTER_ANSWER), true);
+        }
         if clock::now() >= until {
             child.kill()?;
-            child.wait()?;
-            return Ok(None);
+            let status = child.wait()?;
+            return Ok(answered.then_some(status));
         }
         clock::sleep(POLL_PERIOD);
     }

@@ -79,8 +79,6 @@ impl LawSession {
         log: impl Fn(&str) + Send + 'static,
     ) -> io::Result<Self> {
         let (program, arguments) = command.split_first().ok_or(io::ErrorKind::NotFound)?;
-        // Python's installer for Windows writes no `python3.exe`.
-        let program = if cfg!(windows) && program == "python3" { "python" } else { program };
         let mut command = Command::new(program);
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         if own_group {

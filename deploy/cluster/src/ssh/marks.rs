@@ -53,6 +53,11 @@ impl Marks {
         }
     }
 
+    /// The mark behind everything that the command writes.
+    pub(super) fn end(&self) -> &str {
+        &self.end
+    }
+
     /// Divides the standard output; `None` if the command did not begin.
     pub(super) fn divide<'a>(&self, stdout: &'a str) -> Option<Divided<'a>> {
         let (before, rest) = stdout.split_once(&self.begin)?;

@@ -103,6 +103,19 @@ fn the_command_line_overrides_only_the_session_in_the_users_configuration() {
 }
 
 #[test]
+fn an_answer_from_windows_ends_the_call_although_what_it_started_holds_the_pipes() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut host = heli("heli1");
+    let script = r#"set -- $command; printf '%s-begin\nstarted%s-end 3.\n' "$4" "$4"; exec sleep 60"#;
+    let ssh = fake(folder.path(), script);
+    host.system = System::Windows;
+    let begin = clock::now();
+    let output = ssh.run(&host, "skein.cmd node", &none(), LONG).unwrap();
+    assert_eq!((output.status, output.stdout.as_str()), (3, "started"));
+    assert!(clock::now() - begin < LONG / 2);
+}
+
+#[test]
 fn connections_are_shared_only_if_the_sockets_path_is_short() {
     let folder = tempfile::tempdir().unwrap();
     let short = folder.path().join("r");
