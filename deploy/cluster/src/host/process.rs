@@ -42,9 +42,10 @@ impl Process {
 
 /// The state of a process as Linux's `/proc` has it, and its start time; elsewhere every process runs.
 fn stat(pid: u32) -> Option<(char, u64)> {
-    match fs::read_to_string(format!("/proc/{pid}/stat")) {
-        Ok(text) => parse(&text),
-        Err(_) => Some(('R', os::began(pid)?)),
+    // Where Windows' programs run on Linux, `/proc` has other processes under their ids.
+    match fs::read_to_string(format!("/proc/{pid}/stat")).ok().filter(|_| cfg!(unix)) {
+        Some(text) => parse(&text),
+        None => Some(('R', os::began(pid)?)),
     }
 }
 
