@@ -104,7 +104,8 @@ impl SwarmFolder {
             return Ok(());
         }
         let left = self.folder.join(LEFT);
-        let name = format!("{}-{}", std::process::id(), files::name(path).unwrap_or_default());
+        let parent = path.parent().and_then(files::name).unwrap_or_default();
+        let name = format!("{}-{parent}-{}", std::process::id(), files::name(path).unwrap_or_default());
         fs::create_dir_all(&left).and_then(|()| fs::rename(path, left.join(name))).map_err(files::at(path))
     }
 }
