@@ -71,8 +71,8 @@ pub(super) fn remove(place: &SwarmFolder, node: &NodeFolder) -> Result<bool, Str
         prune_releases(place, None)?;
         return Ok(was_there);
     }
-    let program = std::env::current_exe().ok().filter(|program| program.starts_with(place.releases()));
-    program.iter().try_for_each(|program| place.set_aside(program))?;
+    // The program that runs here.
+    place.set_aside(&place.releases().join(&place.release).join(PROGRAM))?;
     place.set_aside(&place.lock_path())?;
     for path in [place.lock_path(), place.releases(), place.folder.join(LAUNCHER)] {
         files::remove(&path).map_err(at(&path))?;
