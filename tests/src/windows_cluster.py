@@ -32,6 +32,21 @@ MaxStartups 100
 """
 
 
+class Failed(Exception):
+    """What came of a test instead of what had to."""
+
+
+def wait(what, condition, within=60):
+    """Waits until the condition gives something, and gives that."""
+    until = time.monotonic() + within
+    while time.monotonic() < until:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.2)
+    raise Failed(f"not within {within} s: {what}")
+
+
 def sh(script, **more):
     """What a shell script prints; its failure is one of this program."""
     return subprocess.run(["sh", "-ec", script], check=True, text=True, stdout=subprocess.PIPE, **more).stdout
@@ -134,7 +149,7 @@ class Cluster:
         done = subprocess.run([self.own, *words], cwd=self.folder, env=env, text=True, timeout=within, stdin=subprocess.DEVNULL,
                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         if done.returncode != status:
-            raise RuntimeError(f"skein {' '.join(words)} ended with {done.returncode}:\n{done.stdout[-2500:]}")
+            raise Failed(f"skein {' '.join(words)} ended with {done.returncode}:\n{done.stdout[-2500:]}")
         return done.stdout
 
     def phases(self):
@@ -142,13 +157,9 @@ class Cluster:
         status = json.loads(self.skein("cluster", "status", "--json"))
         return {node["id"]: (node["said"] or {}).get("phase") for node in status["nodes"]}
 
-    def all_fly(self, within=90):
+    def all_fly(self):
         """Waits until all vehicles are in formation."""
-        until = time.monotonic() + within
-        while set(self.phases().values()) != {"formation"}:
-            if time.monotonic() > until:
-                raise RuntimeError(f"not in formation within {within} s: {self.phases()}")
-            time.sleep(1)
+        wait("all in formation", lambda: set(self.phases().values()) == {"formation"}, 90)
 
     def flown(self):
         """Installs, flies, disturbs, updates in flight, lands and uninstalls a swarm; gives what the row of the table says."""
@@ -160,18 +171,14 @@ class Cluster:
         self.skein("cluster", "install", within=600)
         again = self.skein("cluster", "install", within=600)
         if again.count("nothing") + again.count("unchanged") < 3:
-            raise RuntimeError(f"a second install is not without changes:\n{again}")
+            raise Failed(f"a second install is not without changes:\n{again}")
         self.skein("check", "-f", "cluster.toml")
         self.skein("cluster", "up")
         self.all_fly()
         # Its supervisor starts a killed agent again, and the vehicle comes back.
-        agents = [pid for pid in running("agent", "node-1")]
+        agents = running("agent", "node-1")
         os.kill(agents[0], signal.SIGKILL)
-        until = time.monotonic() + 30
-        while not [pid for pid in running("agent", "node-1") if pid not in agents]:
-            if time.monotonic() > until:
-                raise RuntimeError("the killed agent was not started again")
-            time.sleep(0.2)
+        wait("the killed agent flies again", lambda: set(running("agent", "node-1")) - set(agents), 30)
         # Another version, beside the one that flies.
         with open(self.folder / "skein.exe", "ab") as program:
             program.write(b"another version")
@@ -185,5 +192,5 @@ class Cluster:
         self.skein("cluster", "uninstall")
         left = [str(path) for name in HOSTS for path in (self.folder / name / "home" / ".skein").glob("**/*")]
         if left:
-            raise RuntimeError(f"uninstall has left {left}")
+            raise Failed(f"uninstall has left {left}")
         return f"killed agent restarted, updated in flight, landed, removed; {len(logs.splitlines())} lines of logs"
